@@ -1,1 +1,2 @@
-//! placeholder
+//! Identification, free-run validation and diagnosis, offline, from recordings.
+pub mod figure;

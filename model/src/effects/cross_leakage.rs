@@ -1,0 +1,53 @@
+//! Oil that passes the valve block from one chamber to the other.
+
+use super::{Balance, Header, Law, Parameter};
+use crate::port::{Port, PortKind};
+use crate::scalar::Scalar;
+
+/// See [`Law::HEADER`].
+pub struct CrossLeakage;
+
+impl Law for CrossLeakage {
+    const HEADER: Header = Header {
+        id: "cross_leakage",
+        balance: Balance::Flow,
+        ports: &[PortKind::Hydraulic],
+        summary: "oil leaks between the chambers through an orifice in the valve block",
+        equation: "q = k*dp/(dp^2 + d^2)^(1/4) from chamber 1 to chamber 2, also with the brake closed; none where the chambers are shut off one by one",
+        validity: "turbulent orifice; laminar within the transition pressure d",
+        measure: "close the brake under load and watch the pressure difference decay",
+        literature: "Merritt, Hydraulic Control Systems, 1967, ch. 3 (orifice flow)",
+        parameters: &[
+            Parameter {
+                name: "k",
+                unit: "ml/(s sqrt(bar))",
+                lower: 0.0,
+                upper: 20.0,
+                typical: 0.1,
+                size: true,
+            },
+            Parameter {
+                name: "d",
+                unit: "bar",
+                lower: 1e-3,
+                upper: 1.0,
+                typical: 0.02,
+                size: false,
+            },
+        ],
+        states: 0,
+        starts: &[&[0.03, 0.02], &[0.5, 0.02], &[3.0, 0.1]],
+        passive: true,
+    };
+
+    fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Hydraulic(h) = port
+            && !h.shut_off
+        {
+            let dp = h.pressure_bar[0] - h.pressure_bar[1];
+            let leak = k[0] * dp / (dp * dp + k[1] * k[1]).sqrt().sqrt();
+            h.flow_ml_s[0] -= leak;
+            h.flow_ml_s[1] += leak;
+        }
+    }
+}

@@ -1,0 +1,259 @@
+//! The library of effects: physical effects that the reference model lacks, one file each.
+//!
+//! Adding an effect = one file with a [`Law`] + one line in [`LIBRARY`]. The emulated rig can be given it, identification
+//! can fit it, and the diagnosis proposes it; the tests over the list hold it to the rules.
+
+use crate::port::{Port, PortKind, Rest};
+use crate::scalar::{Scalar, Tangent};
+
+mod cross_leakage;
+mod pressure_drift;
+mod pressure_friction;
+mod pump_lag;
+mod tilt;
+
+/// Every effect of the library.
+pub static LIBRARY: &[&dyn Effect] = &[
+    &tilt::Tilt,
+    &pressure_friction::PressureFriction,
+    &cross_leakage::CrossLeakage,
+    &pump_lag::PumpLag,
+    &pressure_drift::PressureDrift,
+];
+
+/// The effect with this id.
+pub fn find(id: &str) -> Option<&'static dyn Effect> {
+    LIBRARY.iter().copied().find(|e| e.header().id == id)
+}
+
+/// The balance of the plant that an effect disturbs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Balance {
+    /// Torques on the lever.
+    Torque,
+    /// Oil of the chambers.
+    Flow,
+    /// Pump, valves and line.
+    Pump,
+    /// Sensors.
+    Sensor,
+}
+
+impl Balance {
+    /// All, in the order of reports.
+    pub const ALL: [Balance; 4] = [
+        Balance::Torque,
+        Balance::Flow,
+        Balance::Pump,
+        Balance::Sensor,
+    ];
+    /// Name in files.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Balance::Torque => "torque",
+            Balance::Flow => "flow",
+            Balance::Pump => "pump",
+            Balance::Sensor => "sensor",
+        }
+    }
+}
+
+/// A parameter of an effect.
+#[derive(Clone, Copy, Debug)]
+pub struct Parameter {
+    /// Name, with no unit in it.
+    pub name: &'static str,
+    /// Unit.
+    pub unit: &'static str,
+    /// Least physical value.
+    pub lower: f64,
+    /// Greatest physical value.
+    pub upper: f64,
+    /// A size that one meets: the scale of a step in a search.
+    pub typical: f64,
+    /// `true`: the effect vanishes where all such parameters are 0. `false`: a shape, which alone does nothing.
+    pub size: bool,
+}
+
+/// What is known of an effect.
+#[derive(Debug)]
+pub struct Header {
+    /// Unique id.
+    pub id: &'static str,
+    /// The balance that it disturbs.
+    pub balance: Balance,
+    /// The ports that it acts on.
+    pub ports: &'static [PortKind],
+    /// One sentence for a report.
+    pub summary: &'static str,
+    /// The equation as implemented.
+    pub equation: &'static str,
+    /// Where the equation holds.
+    pub validity: &'static str,
+    /// How one would measure it on a rig.
+    pub measure: &'static str,
+    /// Literature.
+    pub literature: &'static str,
+    /// Parameters.
+    pub parameters: &'static [Parameter],
+    /// Number of states.
+    pub states: usize,
+    /// Parameter vectors to start a search from: small, typical, large; different shapes and signs.
+    pub starts: &'static [&'static [f64]],
+    /// Takes energy out of the plant, never adds any (checked by test).
+    pub passive: bool,
+}
+
+/// An effect's equation, generic over the scalar.
+pub trait Law: Sync + 'static {
+    /// What is known of it.
+    const HEADER: Header;
+    /// Acts on a port: `k` parameters in the header's order, `x` own states, `dx` their derivatives (zero on entry).
+    fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>);
+    /// Own states at rest.
+    fn rest<S: Scalar>(&self, _k: &[S], _rest: &Rest<S>, x: &mut [S]) {
+        x.fill(S::zero());
+    }
+}
+
+/// A [`Law`] behind a pointer: one entry point for each scalar.
+pub trait Effect: Sync {
+    /// What is known of it.
+    fn header(&self) -> &'static Header;
+    /// [`Law::act`] for values.
+    fn act_value(&self, k: &[f64], x: &[f64], dx: &mut [f64], port: &mut Port<'_, f64>);
+    /// [`Law::act`] with derivatives.
+    fn act_tangent(
+        &self,
+        k: &[Tangent],
+        x: &[Tangent],
+        dx: &mut [Tangent],
+        port: &mut Port<'_, Tangent>,
+    );
+    /// [`Law::rest`] for values.
+    fn rest_value(&self, k: &[f64], rest: &Rest<f64>, x: &mut [f64]);
+    /// [`Law::rest`] with derivatives.
+    fn rest_tangent(&self, k: &[Tangent], rest: &Rest<Tangent>, x: &mut [Tangent]);
+}
+
+impl<L: Law> Effect for L {
+    fn header(&self) -> &'static Header {
+        const { &L::HEADER }
+    }
+    fn act_value(&self, k: &[f64], x: &[f64], dx: &mut [f64], port: &mut Port<'_, f64>) {
+        self.act(k, x, dx, port);
+    }
+    fn act_tangent(
+        &self,
+        k: &[Tangent],
+        x: &[Tangent],
+        dx: &mut [Tangent],
+        port: &mut Port<'_, Tangent>,
+    ) {
+        self.act(k, x, dx, port);
+    }
+    fn rest_value(&self, k: &[f64], rest: &Rest<f64>, x: &mut [f64]) {
+        self.rest(k, rest, x);
+    }
+    fn rest_tangent(&self, k: &[Tangent], rest: &Rest<Tangent>, x: &mut [Tangent]) {
+        self.rest(k, rest, x);
+    }
+}
+
+impl std::fmt::Debug for dyn Effect {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.header().id)
+    }
+}
+
+/// An effect with its parameters and the place of its states.
+struct Active<S> {
+    effect: &'static dyn Effect,
+    header: &'static Header,
+    k: Vec<S>,
+    /// Position of its first state in the plant's state vector.
+    first: usize,
+}
+
+/// The effects that a plant carries.
+pub struct EffectSet<S> {
+    items: Vec<Active<S>>,
+    /// Number of states of all effects together.
+    pub states: usize,
+    ports: u8,
+    /// An effect at the sensor port has states of its own.
+    pub(crate) sensor_states: bool,
+}
+
+impl<S: Scalar> EffectSet<S> {
+    /// No effect: the reference model.
+    pub fn none() -> Self {
+        EffectSet {
+            items: Vec::new(),
+            states: 0,
+            ports: 0,
+            sensor_states: false,
+        }
+    }
+
+    /// These effects, each with parameters in its header's order. `plant_states`: number of the plant's own states.
+    pub fn new(
+        plant_states: usize,
+        effects: impl IntoIterator<Item = (&'static dyn Effect, Vec<S>)>,
+    ) -> Self {
+        let mut set = Self::none();
+        for (effect, k) in effects {
+            let header = effect.header();
+            assert_eq!(
+                k.len(),
+                header.parameters.len(),
+                "{} takes {} parameters",
+                header.id,
+                header.parameters.len()
+            );
+            set.items.push(Active {
+                effect,
+                header,
+                k,
+                first: plant_states + set.states,
+            });
+            set.states += header.states;
+            for port in header.ports {
+                set.ports |= 1 << *port as u8;
+            }
+            set.sensor_states |= header.states > 0 && header.ports.contains(&PortKind::Sensor);
+        }
+        set
+    }
+
+    /// Some effect acts on this port.
+    #[inline(always)]
+    pub fn touches(&self, port: PortKind) -> bool {
+        self.ports & (1 << port as u8) != 0
+    }
+
+    /// Lets every effect of this port act, in the order of the set.
+    pub fn act(&self, x: &[S], dx: &mut [S], mut port: Port<'_, S>) {
+        let kind = port.kind();
+        for a in &self.items {
+            let header = a.header;
+            if header.ports.contains(&kind) {
+                let own = a.first..a.first + header.states;
+                S::act(a.effect, &a.k, &x[own.clone()], &mut dx[own], &mut port);
+            }
+        }
+    }
+
+    /// Sets every effect's states for the plant at rest; `x`: the effects' states, in order.
+    pub fn rest(&self, rest: &Rest<S>, x: &mut [S]) {
+        let mut first = 0;
+        for a in &self.items {
+            let states = a.header.states;
+            S::rest(a.effect, &a.k, rest, &mut x[first..first + states]);
+            first += states;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

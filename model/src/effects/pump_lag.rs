@@ -1,0 +1,54 @@
+//! The pump's own dynamics, eq. (9) of the paper, which its final model neglects.
+
+use super::{Balance, Header, Law, Parameter};
+use crate::port::{Port, PortKind, Rest};
+use crate::scalar::Scalar;
+
+/// See [`Law::HEADER`].
+pub struct PumpLag;
+
+impl Law for PumpLag {
+    const HEADER: Header = Header {
+        id: "pump_lag",
+        balance: Balance::Pump,
+        ports: &[PortKind::Actuator],
+        summary: "the pump follows its voltage with a first-order lag",
+        equation: "tau*u_p' = u - u_p; eq. (10) takes u_p",
+        validity: "motor inertia against an amplifier without speed control; tau of 5..50 ms",
+        measure: "step the voltage with the lever clamped and watch the rise of the pressure difference",
+        literature: "paper, eq. (9)",
+        parameters: &[Parameter {
+            name: "tau",
+            unit: "s",
+            lower: 0.0,
+            upper: 0.5,
+            typical: 0.005,
+            size: true,
+        }],
+        states: 1,
+        starts: &[&[0.004], &[0.02], &[0.08]],
+        passive: false,
+    };
+
+    fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Actuator(a) = port {
+            // below half a millisecond the lag cannot be told from none, and the state would be stiff
+            let tau = k[0];
+            if tau.value() > SHORTEST_S {
+                dx[0] = (a.voltage_v - x[0]) / tau;
+                a.voltage_v = x[0];
+            } else {
+                // to first order in tau: u_p follows within SHORTEST_S and reaches back by tau/SHORTEST_S
+                dx[0] = (a.voltage_v - x[0]) / SHORTEST_S;
+                a.voltage_v = a.voltage_v + (x[0] - a.voltage_v) * (tau / SHORTEST_S);
+            }
+        }
+    }
+
+    fn rest<S: Scalar>(&self, _k: &[S], rest: &Rest<S>, x: &mut [S]) {
+        x[0] = S::constant(rest.voltage_v);
+    }
+}
+
+/// Time constants below this are blended linearly into no lag at all, s.
+const SHORTEST_S: f64 = 1e-3;

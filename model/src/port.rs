@@ -1,0 +1,150 @@
+//! Ports: where an effect touches a plant. A plant fills the signals of a port, lets the effects act, and goes on with
+//! what they left. An effect knows the port, never the plant, so a second plant gets the whole library.
+//!
+//! Units: rad, rad/s, Nm, bar absolute, ml/s, ml/bar, ml/rad, V, s.
+
+use crate::scalar::Scalar;
+
+/// Ambient pressure, bar absolute. Gauge pressure is `p - AMBIENT_BAR`.
+pub const AMBIENT_BAR: f64 = 1.0;
+
+/// The kinds of ports; an effect names the one that it acts on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum PortKind {
+    /// Before the pump: command and valve.
+    Actuator,
+    /// Between pump and chambers: the flow itself.
+    Line,
+    /// The chambers.
+    Hydraulic,
+    /// The lever.
+    Mechanical,
+    /// What the sensors show.
+    Sensor,
+}
+
+/// Signals between command and pump.
+pub struct ActuatorPort<S> {
+    /// Since the run's start, s.
+    pub time_s: f64,
+    /// Voltage that the pump follows; an effect may replace it, V.
+    pub voltage_v: S,
+    /// Opening of the brake valve, 0 closed to 1 open; an effect may replace it.
+    pub brake_opening: S,
+}
+
+/// Signals between pump and chambers.
+pub struct LinePort<S> {
+    /// Since the run's start, s.
+    pub time_s: f64,
+    /// Voltage that drives the pump, V.
+    pub voltage_v: S,
+    /// Pressure difference across the pump, bar.
+    pub dp_bar: S,
+    /// Flow from chamber 2 to chamber 1; an effect may replace it, ml/s.
+    pub flow_ml_s: S,
+    /// Size of the flow's slope over the pressure difference, ml/(s bar), positive.
+    pub slip_ml_s_bar: S,
+    /// Oil can pass.
+    pub open: bool,
+}
+
+/// Signals of the two chambers, `[chamber 1, chamber 2]`.
+pub struct HydraulicPort<S> {
+    /// Since the run's start, s.
+    pub time_s: f64,
+    /// Pressure, bar absolute.
+    pub pressure_bar: [S; 2],
+    /// Lever angle, rad.
+    pub angle_rad: S,
+    /// Lever velocity, rad/s.
+    pub velocity_rad_s: S,
+    /// Flow into each chamber; effects add, ml/s.
+    pub flow_ml_s: [S; 2],
+    /// Capacity dV/dp; effects add, ml/bar.
+    pub capacity_ml_bar: [S; 2],
+    /// Displacement dV/dphi; effects add, ml/rad.
+    pub displacement_ml_rad: [S; 2],
+    /// Slope over the angle of the oil stored by pressure, taken from 2.5 bar: d/dphi of the integral of the capacity over
+    /// pressure, ml/rad.
+    pub stored_slope_ml_rad: [S; 2],
+    /// The chambers are shut off one by one at their ports (bench experiments), not by the brake valve.
+    pub shut_off: bool,
+}
+
+/// Signals of a body that moves.
+pub struct MechanicalPort<S> {
+    /// Since the run's start, s.
+    pub time_s: f64,
+    /// Angle, rad.
+    pub angle_rad: S,
+    /// Velocity, rad/s.
+    pub velocity_rad_s: S,
+    /// Pressure difference that drives, bar.
+    pub dp_bar: S,
+    /// Load on the bearing: sum of the chambers' gauge pressures, bar.
+    pub load_bar: S,
+    /// The plane of motion is vertical; then gravity is part of the base model.
+    pub vertical: bool,
+    /// Torque on the lever; effects add, Nm.
+    pub torque_nm: S,
+}
+
+/// What the sensors show; effects alter it.
+pub struct SensorPort<S> {
+    /// Since the run's start, s.
+    pub time_s: f64,
+    /// Shown angle, degrees.
+    pub angle_deg: S,
+    /// Shown pressures, bar absolute.
+    pub pressure_bar: [S; 2],
+}
+
+/// A port with its signals.
+pub enum Port<'a, S> {
+    /// See [`ActuatorPort`].
+    Actuator(&'a mut ActuatorPort<S>),
+    /// See [`LinePort`].
+    Line(&'a mut LinePort<S>),
+    /// See [`HydraulicPort`].
+    Hydraulic(&'a mut HydraulicPort<S>),
+    /// See [`MechanicalPort`].
+    Mechanical(&'a mut MechanicalPort<S>),
+    /// See [`SensorPort`].
+    Sensor(&'a mut SensorPort<S>),
+}
+
+impl<S> Port<'_, S> {
+    /// Which kind it is.
+    #[inline(always)]
+    pub fn kind(&self) -> PortKind {
+        match self {
+            Port::Actuator(_) => PortKind::Actuator,
+            Port::Line(_) => PortKind::Line,
+            Port::Hydraulic(_) => PortKind::Hydraulic,
+            Port::Mechanical(_) => PortKind::Mechanical,
+            Port::Sensor(_) => PortKind::Sensor,
+        }
+    }
+}
+
+/// The plant at rest, from which effects set their own states.
+pub struct Rest<S> {
+    /// Angle, rad.
+    pub angle_rad: S,
+    /// Chamber pressures, bar absolute.
+    pub pressure_bar: [S; 2],
+    /// Torque that is not balanced by the base model at rest (friction must hold it), Nm.
+    pub torque_nm: S,
+    /// Voltage, V.
+    pub voltage_v: f64,
+    /// Brake valve open.
+    pub brake_open: bool,
+}
+
+impl<S: Scalar> Rest<S> {
+    /// Gauge pressure of a chamber, bar.
+    pub fn gauge_bar(&self, chamber: usize) -> S {
+        self.pressure_bar[chamber] - AMBIENT_BAR
+    }
+}

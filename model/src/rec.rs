@@ -1,0 +1,370 @@
+//! The REC actuator: the reference model, composed from the paper's component equations, with ports for effects.
+//!
+//! States: angle (rad), velocity (rad/s), pressure 1, pressure 2 (bar absolute), volume (ml, see [`Circuit`]); the states
+//! of the effects follow. Sign convention: angle > 0 expands chamber 1, flow > 0 goes from chamber 2 through the pump
+//! into chamber 1.
+
+use crate::effects::EffectSet;
+use crate::parameters::index::*;
+use crate::port::{
+    AMBIENT_BAR, ActuatorPort, HydraulicPort, LinePort, MechanicalPort, Port, PortKind, Rest,
+    SensorPort,
+};
+use crate::scalar::Scalar;
+
+/// States of the plant itself.
+pub const STATES: usize = 5;
+/// Positions of the states.
+#[allow(missing_docs)]
+pub mod state {
+    pub const ANGLE: usize = 0;
+    pub const VELOCITY: usize = 1;
+    pub const PRESSURE1: usize = 2;
+    pub const PRESSURE2: usize = 3;
+    pub const VOLUME: usize = 4;
+}
+
+/// From this pressure (bar absolute) the oil stored by pressure is counted: a middle pressure of the paper.
+pub const STORED_FROM_BAR: f64 = 2.5;
+
+/// What moves the lever.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Lever {
+    /// The torques do.
+    Free,
+    /// It is clamped (velocity 0) or led; the angle follows from the state by this velocity, rad/s.
+    Led {
+        /// rad/s
+        velocity_rad_s: f64,
+    },
+}
+
+/// What the chambers are connected to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Circuit {
+    /// Pump, brake valve and bypass, as in fig. 1. The volume state rests.
+    Pump,
+    /// Both chambers shut off; oil leaves chamber 1 at this rate (ml/s), and the volume state counts it.
+    ShutOff {
+        /// ml/s, positive out of the chamber
+        release_ml_s: f64,
+    },
+    /// Both chambers shut off and their pressures known from measurement: they change at these rates (bar/s), and the
+    /// volume state counts what must have left chamber 1 for that (ml).
+    Measured {
+        /// bar/s
+        rate1_bar_s: f64,
+        /// bar/s
+        rate2_bar_s: f64,
+    },
+    /// The pump alone between two reservoirs at the pressures of the state; the volume state counts what it delivers,
+    /// positive in the direction of u (ml).
+    Bench,
+}
+
+/// What acts from outside during a step (zero-order hold).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Input {
+    /// V
+    pub voltage_v: f64,
+    /// Valve in series with the pump.
+    pub brake_open: bool,
+    /// Valve parallel to the pump.
+    pub bypass_open: bool,
+    /// Gravity acts.
+    pub vertical: bool,
+    /// The lever.
+    pub lever: Lever,
+    /// The chambers.
+    pub circuit: Circuit,
+}
+
+/// What a derivative says besides the derivative.
+pub struct Derived<S> {
+    /// Torque on the lever from everything but its own motion losses, Nm: what a clamp holds.
+    pub torque_nm: S,
+    /// Flow through pump, valves and line into chamber 1, ml/s.
+    pub flow_ml_s: S,
+    /// Which branches of the piecewise equations were taken: changes where a kink was crossed.
+    pub branches: u32,
+}
+
+/// Torque, eq. (2), odd in (phi, dp), Nm.
+pub fn torque<S: Scalar>(k: &[S], angle_rad: S, dp_bar: S) -> S {
+    (k[M1] * dp_bar.abs() + k[M2]) * angle_rad + k[M3] * dp_bar
+}
+
+/// Capacities of both chambers, eq. (13), ml/bar; the second is the first mirrored.
+pub fn capacity<S: Scalar>(k: &[S], angle_rad: S, pressure_bar: [S; 2]) -> [S; 2] {
+    let bend = (k[A1] * (angle_rad * DEGREES)).exp();
+    let scale = if k[A2].value() == 0.0 {
+        S::constant(1.0) - k[A2]
+    } else {
+        (-k[A2]).exp()
+    };
+    let of = |p: S| k[H1] * p.powf(k[H2]) + k[H3];
+    [
+        scale / bend * of(pressure_bar[0]),
+        scale * bend * of(pressure_bar[1]),
+    ]
+}
+
+/// Displacements of both chambers, eq. (14), ml/rad.
+pub fn displacement<S: Scalar>(k: &[S], angle_rad: S) -> [S; 2] {
+    let even = k[V1] * angle_rad;
+    [even + k[V2], even - k[V2]]
+}
+
+/// Pump flow, eq. (10) with its dead zone, ml/s, and whether the pump delivers (is out of the dead zone).
+pub fn pump_flow<S: Scalar>(k: &[S], voltage_v: S, dp_bar: S) -> (S, bool) {
+    let slip = k[F3] * dp_bar;
+    let drive = k[F1] * voltage_v.abs() + k[F4] + k[F2] * voltage_v * dp_bar;
+    if drive.value() > 0.0 && voltage_v.value() != 0.0 {
+        (
+            if voltage_v.value() > 0.0 {
+                slip + drive
+            } else {
+                slip - drive
+            },
+            true,
+        )
+    } else {
+        (slip, false)
+    }
+}
+
+/// Losses, eq. (16), odd in the velocity, Nm, and the branch: 0 within |w| < a, 1 above, 2 below.
+pub fn losses<S: Scalar>(k: &[S], velocity_rad_s: S) -> (S, u32) {
+    let w = velocity_rad_s;
+    let a = k[A].value();
+    if w.value() >= a {
+        ((k[L1] * w + k[L2]) * w + k[L3], 1)
+    } else if w.value() <= -a {
+        ((k[L2] - k[L1] * w) * w - k[L3], 2)
+    } else {
+        (k[L4] * w, 0)
+    }
+}
+
+/// Slope over the angle (ml/rad) of the oil that pressure has stored since [`STORED_FROM_BAR`]:
+/// d/dphi of exp(-(a1 phi + a2)) * integral of (h1 p^h2 + h3) dp. It is what C_v lacks for eqs. (13) and (14) to have a
+/// common volume function.
+pub fn stored_slope<S: Scalar>(k: &[S], angle_rad: S, pressure_bar: [S; 2]) -> [S; 2] {
+    let bend = (k[A1] * (angle_rad * DEGREES)).exp();
+    let scale = (-k[A2]).exp();
+    let rate = k[A1] * DEGREES;
+    let n = k[H2] + 1.0;
+    let stored = |p: S| {
+        let log = (p / STORED_FROM_BAR).ln();
+        // (p^n - q^n)/n, continuous at n = 0
+        let power = if n.value().abs() < 1e-6 {
+            log
+        } else {
+            ((n * log).exp() - 1.0) / n * (n * STORED_FROM_BAR.ln()).exp()
+        };
+        k[H1] * power + k[H3] * (p - STORED_FROM_BAR)
+    };
+    [
+        -(rate * scale / bend) * stored(pressure_bar[0]),
+        rate * scale * bend * stored(pressure_bar[1]),
+    ]
+}
+
+const DEGREES: f64 = 180.0 / std::f64::consts::PI;
+
+/// The plant's derivative at time `t` (s since the run's start).
+///
+/// `k`: parameter vector ([`crate::parameters::NAMES`]); `x`, `dx`: [`STATES`] plus the effects' states.
+pub fn derivative<S: Scalar>(
+    input: &Input,
+    k: &[S],
+    effects: &EffectSet<S>,
+    t: f64,
+    x: &[S],
+    dx: &mut [S],
+) -> Derived<S> {
+    use state::*;
+    for d in &mut dx[STATES..] {
+        *d = S::zero();
+    }
+    let angle = x[ANGLE];
+    let pressure = [x[PRESSURE1], x[PRESSURE2]];
+    let dp = pressure[0] - pressure[1];
+    let velocity = match input.lever {
+        Lever::Free => x[VELOCITY],
+        Lever::Led { velocity_rad_s } => S::constant(velocity_rad_s),
+    };
+    let shut_off = matches!(
+        input.circuit,
+        Circuit::ShutOff { .. } | Circuit::Measured { .. }
+    );
+    let mut branches = u32::from(dp.value() > 0.0);
+
+    // flow through pump and valves, from chamber 2 to chamber 1
+    let flow = if shut_off {
+        S::zero()
+    } else {
+        let mut actuator = ActuatorPort {
+            time_s: t,
+            voltage_v: S::constant(input.voltage_v),
+            brake_opening: S::constant(f64::from(u8::from(input.brake_open))),
+        };
+        if effects.touches(PortKind::Actuator) {
+            effects.act(x, dx, Port::Actuator(&mut actuator));
+        }
+        let (delivered, delivering) = pump_flow(k, actuator.voltage_v, dp);
+        branches |= u32::from(delivering) << 1 | u32::from(actuator.voltage_v.value() > 0.0) << 2;
+        let mut flow = delivered * actuator.brake_opening;
+        let bypass = input.bypass_open && input.circuit == Circuit::Pump;
+        if bypass {
+            flow -= k[K_B] * dp;
+        }
+        if effects.touches(PortKind::Line) {
+            // slope of the flow over the pressure difference
+            let mut slip = if delivering {
+                k[F3] + k[F2] * actuator.voltage_v.abs()
+            } else {
+                k[F3]
+            } * actuator.brake_opening;
+            if bypass {
+                slip -= k[K_B];
+            }
+            let mut line = LinePort {
+                time_s: t,
+                voltage_v: actuator.voltage_v,
+                dp_bar: dp,
+                flow_ml_s: flow,
+                slip_ml_s_bar: slip.abs().at_least(0.02),
+                open: actuator.brake_opening.value() > 0.0 || bypass,
+            };
+            effects.act(x, dx, Port::Line(&mut line));
+            flow = line.flow_ml_s;
+        }
+        flow
+    };
+
+    // chambers, eqs. (7), (8)
+    let mut hydraulic = HydraulicPort {
+        time_s: t,
+        pressure_bar: pressure,
+        angle_rad: angle,
+        velocity_rad_s: velocity,
+        flow_ml_s: [flow, -flow],
+        capacity_ml_bar: if input.circuit == Circuit::Bench {
+            [S::constant(1.0); 2]
+        } else {
+            capacity(k, angle, pressure)
+        },
+        displacement_ml_rad: displacement(k, angle),
+        stored_slope_ml_rad: [S::zero(); 2],
+        shut_off,
+    };
+    if effects.touches(PortKind::Hydraulic) && input.circuit != Circuit::Bench {
+        hydraulic.stored_slope_ml_rad = stored_slope(k, angle, pressure);
+        effects.act(x, dx, Port::Hydraulic(&mut hydraulic));
+    }
+    let h = &hydraulic;
+    match input.circuit {
+        Circuit::Pump | Circuit::ShutOff { .. } => {
+            let mut flow1 = h.flow_ml_s[0];
+            dx[VOLUME] = S::zero();
+            if let Circuit::ShutOff { release_ml_s } = input.circuit {
+                flow1 = flow1 - release_ml_s;
+                dx[VOLUME] = S::constant(release_ml_s);
+            }
+            dx[PRESSURE1] = (flow1 - h.displacement_ml_rad[0] * velocity) / h.capacity_ml_bar[0];
+            dx[PRESSURE2] =
+                (h.flow_ml_s[1] - h.displacement_ml_rad[1] * velocity) / h.capacity_ml_bar[1];
+        }
+        Circuit::Measured {
+            rate1_bar_s,
+            rate2_bar_s,
+        } => {
+            dx[PRESSURE1] = S::constant(rate1_bar_s);
+            dx[PRESSURE2] = S::constant(rate2_bar_s);
+            dx[VOLUME] = h.flow_ml_s[0]
+                - h.capacity_ml_bar[0] * rate1_bar_s
+                - h.displacement_ml_rad[0] * velocity;
+        }
+        Circuit::Bench => {
+            dx[PRESSURE1] = S::zero();
+            dx[PRESSURE2] = S::zero();
+            dx[VOLUME] = if input.voltage_v < 0.0 { -flow } else { flow };
+        }
+    }
+
+    // motion, eq. (3)
+    let mut mechanical = MechanicalPort {
+        time_s: t,
+        angle_rad: angle,
+        velocity_rad_s: velocity,
+        dp_bar: dp,
+        load_bar: pressure[0] + pressure[1] - 2.0 * AMBIENT_BAR,
+        vertical: input.vertical,
+        torque_nm: torque(k, angle, dp),
+    };
+    if input.vertical {
+        mechanical.torque_nm -= k[G] * angle.sin();
+    }
+    if effects.touches(PortKind::Mechanical) && input.circuit != Circuit::Bench {
+        effects.act(x, dx, Port::Mechanical(&mut mechanical));
+    }
+    let torque_nm = mechanical.torque_nm;
+    match input.lever {
+        Lever::Free => {
+            let (loss, branch) = losses(k, velocity);
+            branches |= branch << 3;
+            dx[ANGLE] = velocity;
+            dx[VELOCITY] = (torque_nm - loss) / k[J];
+        }
+        Lever::Led { .. } => {
+            dx[ANGLE] = velocity;
+            dx[VELOCITY] = S::zero();
+        }
+    }
+    // effects that only watch the plant (slow sensors) have their states at the sensor port
+    if effects.sensor_states {
+        let mut shown = sensor_port(t, x);
+        effects.act(x, dx, Port::Sensor(&mut shown));
+    }
+    Derived {
+        torque_nm,
+        flow_ml_s: flow,
+        branches,
+    }
+}
+
+fn sensor_port<S: Scalar>(t: f64, x: &[S]) -> SensorPort<S> {
+    SensorPort {
+        time_s: t,
+        angle_deg: x[state::ANGLE] * DEGREES,
+        pressure_bar: [x[state::PRESSURE1], x[state::PRESSURE2]],
+    }
+}
+
+/// What the sensors show in this state: angle (degrees), pressures (bar absolute).
+pub fn shown<S: Scalar>(effects: &EffectSet<S>, t: f64, x: &[S], scratch: &mut [S]) -> [S; 3] {
+    let mut port = sensor_port(t, x);
+    if effects.touches(PortKind::Sensor) {
+        effects.act(x, scratch, Port::Sensor(&mut port));
+    }
+    [port.angle_deg, port.pressure_bar[0], port.pressure_bar[1]]
+}
+
+/// Fills the effects' states for the plant at rest in `x[..STATES]`.
+pub fn rest_states<S: Scalar>(input: &Input, k: &[S], effects: &EffectSet<S>, x: &mut [S]) {
+    let pressure = [x[state::PRESSURE1], x[state::PRESSURE2]];
+    let angle = x[state::ANGLE];
+    let mut torque_nm = torque(k, angle, pressure[0] - pressure[1]);
+    if input.vertical {
+        torque_nm -= k[G] * angle.sin();
+    }
+    let rest = Rest {
+        angle_rad: angle,
+        pressure_bar: pressure,
+        torque_nm,
+        voltage_v: input.voltage_v,
+        brake_open: input.brake_open,
+    };
+    effects.rest(&rest, &mut x[STATES..]);
+}
