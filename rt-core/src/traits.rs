@@ -5,6 +5,7 @@ use crate::types::{Command, Measurement, Tick};
 /// A rig: real hardware, the emulated rig, or a wrapper around either.
 ///
 /// The command written at tick k acts from k to k+1; the measurement read at tick k is the state at k, before that command.
+/// After the run's last tick, and at once after a failure, the loop writes [`Command::SAFE`] once more without a read before it.
 pub trait Device {
     /// The sensors at this tick.
     fn read(&mut self, now: Tick) -> Result<Measurement, DeviceError>;

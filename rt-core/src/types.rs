@@ -63,18 +63,41 @@ pub enum Fixture {
     /// The lever is free; the plane decides whether gravity acts.
     Free,
     /// The lever is held at this angle (degrees) and the force sensor reads.
-    Clamped { angle_deg: f64 },
+    Clamped {
+        /// Angle of the lever, degrees.
+        angle_deg: f64,
+    },
     /// The lever is led to this angle (degrees) by an external torque; the force sensor does not read.
-    Driven { angle_deg: f64 },
+    Driven {
+        /// Angle of the lever, degrees.
+        angle_deg: f64,
+    },
     /// The lever is held at this angle (degrees) while the chambers are filled or drained to these pressures (bar
     /// absolute); afterwards the amount of oil in chamber 1 is known (`volume_ml` = oil in chamber 1).
-    Filled { angle_deg: f64, pressure1_bar: f64, pressure2_bar: f64 },
+    Filled {
+        /// Angle of the lever, degrees.
+        angle_deg: f64,
+        /// Chamber 1, bar absolute.
+        pressure1_bar: f64,
+        /// Chamber 2, bar absolute.
+        pressure2_bar: f64,
+    },
     /// The lever is held while oil flows out of chamber 1 into the measuring cylinder at this rate (ml/s); `volume_ml` =
     /// released so far since the last `Filled`, read while the rate is 0.
-    Released { angle_deg: f64, flow_ml_s: f64 },
+    Released {
+        /// Angle of the lever, degrees.
+        angle_deg: f64,
+        /// Oil out of chamber 1, ml/s.
+        flow_ml_s: f64,
+    },
     /// The pump is taken out and runs between two reservoirs at these pressures (bar absolute); `volume_ml` =
     /// delivered so far in this segment, positive in the direction of u.
-    PumpBench { pressure1_bar: f64, pressure2_bar: f64 },
+    PumpBench {
+        /// Reservoir at port 1, bar absolute.
+        pressure1_bar: f64,
+        /// Reservoir at port 2, bar absolute.
+        pressure2_bar: f64,
+    },
 }
 
 /// What the loop tells the rig for one tick.
@@ -147,6 +170,8 @@ pub mod flags {
     pub const TRIPPED: u32 = 1 << 2;
     /// Last sample of its run.
     pub const LAST: u32 = 1 << 3;
+    /// The device failed within this tick: the sample holds no measurement, and the safe state was ordered.
+    pub const FAULT: u32 = 1 << 4;
 }
 
 impl Sample {
@@ -165,8 +190,78 @@ impl Sample {
         self.flags & flags::LAST != 0
     }
 
+    /// The supervisor has tripped.
+    pub fn tripped(&self) -> bool {
+        self.flags & flags::TRIPPED != 0
+    }
+
+    /// The device failed within this tick.
+    pub fn fault(&self) -> bool {
+        self.flags & flags::FAULT != 0
+    }
+
     /// Seconds since the run's start.
     pub fn time_s(&self) -> f64 {
         self.scheduled_ns as f64 * 1e-9
+    }
+}
+
+/// A sample in which nothing is set but the version.
+#[cfg(test)]
+pub(crate) fn blank_sample() -> Sample {
+    Sample {
+        version: SAMPLE_VERSION,
+        run: 0,
+        tick: 0,
+        scheduled_ns: 0,
+        lateness_ns: 0,
+        input_age_ns: 0,
+        voltage_v: 0.0,
+        angle_deg: 0.0,
+        pressure1_bar: 0.0,
+        pressure2_bar: 0.0,
+        torque_nm: 0.0,
+        volume_ml: 0.0,
+        segment: 0,
+        flags: 0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::mem::{align_of, offset_of, size_of};
+
+    /// The layout is a contract with subscribers in other languages and with recordings: changing it is a new
+    /// [`SAMPLE_VERSION`].
+    #[test]
+    fn layout_of_version_1() {
+        assert_eq!(SAMPLE_VERSION, 1);
+        assert_eq!((size_of::<Sample>(), align_of::<Sample>()), (96, 8));
+        let offsets = [
+            ("version", offset_of!(Sample, version), 0),
+            ("run", offset_of!(Sample, run), 4),
+            ("tick", offset_of!(Sample, tick), 8),
+            ("scheduled_ns", offset_of!(Sample, scheduled_ns), 16),
+            ("lateness_ns", offset_of!(Sample, lateness_ns), 24),
+            ("input_age_ns", offset_of!(Sample, input_age_ns), 32),
+            ("voltage_v", offset_of!(Sample, voltage_v), 40),
+            ("angle_deg", offset_of!(Sample, angle_deg), 48),
+            ("pressure1_bar", offset_of!(Sample, pressure1_bar), 56),
+            ("pressure2_bar", offset_of!(Sample, pressure2_bar), 64),
+            ("torque_nm", offset_of!(Sample, torque_nm), 72),
+            ("volume_ml", offset_of!(Sample, volume_ml), 80),
+            ("segment", offset_of!(Sample, segment), 88),
+            ("flags", offset_of!(Sample, flags), 92),
+        ];
+        for (field, offset, documented) in offsets {
+            assert_eq!(offset, documented, "offset of {field}");
+        }
+        assert_eq!(
+            (flags::BRAKE_OPEN, flags::BYPASS_OPEN, flags::TRIPPED, flags::LAST, flags::FAULT),
+            (1, 2, 4, 8, 16)
+        );
+        // SAFETY: the function reads no data; it is unsafe only because the trait's implementor vouches for the name.
+        assert_eq!(unsafe { Sample::type_name() }, "RecBenchSample");
     }
 }

@@ -1,0 +1,232 @@
+//! The shared-memory services between the loop and its subscribers: names, sizes, and what can go wrong.
+//!
+//! | service | pattern | carries |
+//! |---|---|---|
+//! | `rec-bench/<instance>/sample` | publish-subscribe | one [`Sample`] a tick |
+//! | `rec-bench/<instance>/progress` | publish-subscribe | how far each lossless logger is |
+//! | `rec-bench/<instance>/wake` | event | there are new samples |
+//!
+//! Whoever comes first creates a service and fixes its sizes.
+
+use std::sync::Once;
+
+use iceoryx2::node::NodeCreationFailure;
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::prelude::*;
+use iceoryx2::service::port_factory::{event, publish_subscribe};
+
+use crate::loss::OutOfOrder;
+use crate::types::{SAMPLE_VERSION, Sample};
+
+/// Samples that a subscriber may lag behind before its oldest are overwritten: 8 s in real time.
+pub const BUFFER_SAMPLES: usize = 8192;
+/// Subscribers at one time. Together with the buffer this fixes the shared memory, some 16 MB.
+pub const MAX_SUBSCRIBERS: usize = 12;
+/// The loop's publisher, and one more for a bridge to another host.
+const MAX_PUBLISHERS: usize = 2;
+const MAX_NODES: usize = 16;
+/// Progress messages are tiny and the newest says all: old ones may be overwritten.
+const PROGRESS_BUFFER: usize = 64;
+/// Longest instance name; a service name holds 255 bytes.
+const INSTANCE_MAX_LEN: usize = 64;
+/// Name of the loop's publisher among those of the sample service.
+const LOOP_PORT: &str = "loop";
+
+pub(crate) type Ipc = ipc::Service;
+pub(crate) type SampleService = publish_subscribe::PortFactory<Ipc, Sample, ()>;
+pub(crate) type ProgressService = publish_subscribe::PortFactory<Ipc, Progress, ()>;
+pub(crate) type WakeService = event::PortFactory<Ipc>;
+
+/// What a lossless logger reports: it has taken everything of `run` up to, but without, `next_tick`.
+#[derive(Clone, Copy, Debug, ZeroCopySend)]
+#[repr(C)]
+#[type_name("RecBenchProgress")]
+pub(crate) struct Progress {
+    pub version: u32,
+    pub run: u32,
+    pub next_tick: u64,
+}
+
+/// What went wrong between the loop and its subscribers.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum LinkError {
+    /// The name can't be part of a service name.
+    #[error("instance name {0:?}: expected 1..={INSTANCE_MAX_LEN} of a-z, A-Z, 0-9, '-', '_' and '.'")]
+    InstanceName(String),
+    /// Another service publishes under this name.
+    #[error("instance {instance:?} is in use by another running service; end that one or choose another instance")]
+    InUse {
+        /// Name of the instance.
+        instance: String,
+    },
+    /// A service or port could not be had.
+    #[error(
+        "instance {instance:?}: can't {what}: {cause}; processes of one instance must be of the same build, may be \
+         {MAX_SUBSCRIBERS} subscribers at most, and need room in /dev/shm"
+    )]
+    Open {
+        /// Name of the instance.
+        instance: String,
+        /// What was tried.
+        what: &'static str,
+        /// The transport's own words.
+        cause: String,
+    },
+    /// The transport failed while it was used.
+    #[error("instance {instance:?}: {what} failed: {cause}")]
+    Transport {
+        /// Name of the instance.
+        instance: String,
+        /// What was tried.
+        what: &'static str,
+        /// The transport's own words.
+        cause: String,
+    },
+    /// A sample of another version.
+    #[error("sample version: expected {SAMPLE_VERSION}, got {got}; service and subscriber must be of the same build")]
+    Version {
+        /// The version that came.
+        got: u32,
+    },
+    /// A tick that can't follow those before it.
+    #[error(transparent)]
+    OutOfOrder(#[from] OutOfOrder),
+    /// Something was waited for in vain.
+    #[error("waited {waited_s:.1} s for {what}")]
+    Timeout {
+        /// What did not come.
+        what: String,
+        /// For how long, seconds.
+        waited_s: f64,
+    },
+    /// The publication thread has ended, by an error that was already reported, or by a panic.
+    #[error("the publication thread has ended")]
+    Ended,
+}
+
+/// One participant's access to the services of an instance. Not to be sent to another thread: ports are made by the
+/// thread that uses them.
+#[derive(Debug)]
+pub(crate) struct Link {
+    pub instance: String,
+    pub sample: SampleService,
+    pub progress: ProgressService,
+    pub wake: WakeService,
+    pub node: Node<Ipc>,
+}
+
+impl Link {
+    /// Opens or creates the services. What killed processes left in shared memory is removed on the way.
+    pub fn open(instance: &str) -> Result<Link, LinkError> {
+        validate_instance(instance)?;
+        quieten();
+        let failed = |what, cause: String| LinkError::Open { instance: instance.to_owned(), what, cause };
+        // Signals belong to the program: its handlers zero the outputs first.
+        let node: Result<_, NodeCreationFailure> =
+            NodeBuilder::new().signal_handling_mode(SignalHandlingMode::Disabled).create::<Ipc>();
+        let node = node.map_err(|e| failed("create a node", e.to_string()))?;
+        let name = |part: &str| {
+            let name = format!("rec-bench/{instance}/{part}");
+            ServiceName::new(&name).map_err(|e| failed("name a service", e.to_string()))
+        };
+        let sample = node
+            .service_builder(&name("sample")?)
+            .publish_subscribe::<Sample>()
+            .enable_safe_overflow(true)
+            .subscriber_max_buffer_size(BUFFER_SAMPLES)
+            .subscriber_max_borrowed_samples(4)
+            .history_size(0)
+            .max_subscribers(MAX_SUBSCRIBERS)
+            .max_publishers(MAX_PUBLISHERS)
+            .max_nodes(MAX_NODES)
+            .open_or_create()
+            .map_err(|e| failed("open the sample service", e.to_string()))?;
+        let progress = node
+            .service_builder(&name("progress")?)
+            .publish_subscribe::<Progress>()
+            .enable_safe_overflow(true)
+            .subscriber_max_buffer_size(PROGRESS_BUFFER)
+            .subscriber_max_borrowed_samples(2)
+            .history_size(0)
+            .max_subscribers(MAX_PUBLISHERS)
+            .max_publishers(MAX_SUBSCRIBERS)
+            .max_nodes(MAX_NODES)
+            .open_or_create()
+            .map_err(|e| failed("open the progress service", e.to_string()))?;
+        let wake = node
+            .service_builder(&name("wake")?)
+            .event()
+            .max_notifiers(MAX_PUBLISHERS)
+            .max_listeners(MAX_SUBSCRIBERS)
+            .max_nodes(MAX_NODES)
+            .event_id_max_value(0)
+            .open_or_create()
+            .map_err(|e| failed("open the wake service", e.to_string()))?;
+        Ok(Link { instance: instance.to_owned(), sample, progress, wake, node })
+    }
+
+    /// The port on which the loop publishes; refused while another loop does.
+    pub fn loop_publisher(&self) -> Result<Publisher<Ipc, Sample, ()>, LinkError> {
+        let port = PortName::new(LOOP_PORT).map_err(|e| self.failed("name the publisher", e.to_string()))?;
+        let mut in_use = false;
+        self.sample.dynamic_config().list_publishers(|details| {
+            in_use |= details.publisher_name == port;
+            CallbackProgression::Continue
+        });
+        if in_use {
+            return Err(LinkError::InUse { instance: self.instance.clone() });
+        }
+        self.sample
+            .publisher_builder()
+            .name(&port)
+            .max_loaned_samples(2)
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .create()
+            .map_err(|e| self.failed("create the sample publisher", e.to_string()))
+    }
+
+    /// Ids of the ports on which lossless loggers report; each of them has exactly one.
+    pub fn logger_ids(&self, ids: &mut Vec<u128>) {
+        ids.clear();
+        self.progress.dynamic_config().list_publishers(|details| {
+            ids.push(details.publisher_id.value());
+            CallbackProgression::Continue
+        });
+    }
+
+    pub fn failed(&self, what: &'static str, cause: String) -> LinkError {
+        LinkError::Open { instance: self.instance.clone(), what, cause }
+    }
+
+    pub fn broken(&self, what: &'static str, cause: String) -> LinkError {
+        LinkError::Transport { instance: self.instance.clone(), what, cause }
+    }
+}
+
+fn validate_instance(instance: &str) -> Result<(), LinkError> {
+    let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
+    if (1..=INSTANCE_MAX_LEN).contains(&instance.len()) && instance.chars().all(allowed) {
+        Ok(())
+    } else {
+        Err(LinkError::InstanceName(instance.to_owned()))
+    }
+}
+
+/// The transport tells on the console what it also returns as an error. `IOX2_LOG_LEVEL` still opens it up.
+fn quieten() {
+    static ONCE: Once = Once::new();
+    ONCE.call_once(|| set_log_level_from_env_or(LogLevel::Fatal));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_instance_name_that_would_leave_its_place_is_refused() {
+        for name in ["", "a/b", "a b", "ä", &"x".repeat(INSTANCE_MAX_LEN + 1)] {
+            assert_eq!(validate_instance(name), Err(LinkError::InstanceName(name.to_owned())));
+        }
+        assert_eq!(validate_instance("demo-1.2_x"), Ok(()));
+    }
+}
