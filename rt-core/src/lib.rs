@@ -10,6 +10,7 @@
 //! | [`subscribe`] | the other end: samples, gaps, loss certificate |
 //! | [`loss`] | gap detection by tick number, without any transport |
 //! | [`link`] | names, sizes and errors of the shared-memory services |
+
 pub mod clock;
 pub mod cycle;
 mod flow;

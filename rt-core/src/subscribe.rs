@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use iceoryx2::port::listener::Listener;
+use iceoryx2::port::listener::{Listener, ListenerWaitError};
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 
@@ -84,8 +84,11 @@ impl SampleSubscriber {
             return Ok(count);
         }
         // Wake-ups are sent after their samples: one that comes between the look above and this wait ends it.
-        // An interrupted wait is a short one.
-        let _ = self.wake.timed_wait(|_| {}, timeout);
+        match self.wake.timed_wait(|_| {}, timeout) {
+            // A signal that interrupts the wait only makes it shorter.
+            Ok(_) | Err(ListenerWaitError::InterruptSignal) => {}
+            Err(e) => return Err(self.link.broken("waiting for samples", e.to_string())),
+        }
         self.drain(into)
     }
 

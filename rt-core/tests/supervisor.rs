@@ -6,6 +6,9 @@ use rt_core::{Breach, Channel, Command, Fixture, Limits, Measurement, Supervisor
 const GOOD: Measurement =
     Measurement { angle_deg: 1.0, pressure1_bar: 2.5, pressure2_bar: 2.5, torque_nm: f64::NAN, volume_ml: f64::NAN };
 
+/// Puts a value into the channel under test.
+type Set = fn(&mut Measurement, f64);
+
 /// The trip after these measurements, taken one a tick under one fixture.
 fn judge(limits: Limits, fixture: Fixture, measurements: impl IntoIterator<Item = Measurement>) -> Option<Trip> {
     let mut supervisor = Supervisor::new(limits).unwrap();
@@ -25,7 +28,7 @@ fn each_limit_trips_on_its_own_side_and_exactly_beyond_it() {
     let limits = Limits::default();
     let (low, high) = (limits.pressure_min_bar, limits.pressure_max_bar);
     let (angle, torque) = (limits.angle_max_deg, limits.torque_max_nm);
-    let cases: [(Channel, f64, Breach, fn(&mut Measurement, f64)); 8] = [
+    let cases: [(Channel, f64, Breach, Set); 8] = [
         (Channel::Pressure1, low, Breach::Below(low), |m, v| m.pressure1_bar = v),
         (Channel::Pressure1, high, Breach::Above(high), |m, v| m.pressure1_bar = v),
         (Channel::Pressure2, low, Breach::Below(low), |m, v| m.pressure2_bar = v),
