@@ -279,6 +279,31 @@ fn play_a_logger_in_a_process_of_its_own() {
     thread::sleep(SOON * 4);
 }
 
+/// Set for the process that plays the service to be killed.
+const PLAY_SERVICE: &str = "RT_CORE_TEST_PLAY_SERVICE";
+
+/// Not a test of its own: the other process of a test below, which publishes the first half of run 0.
+#[test]
+fn play_a_service_in_a_process_of_its_own() {
+    let Ok(instance) = std::env::var(PLAY_SERVICE) else { return };
+    let mut publication = Publication::start(&instance, Pace::LOCKSTEP).unwrap();
+    publication.wait_for_loggers(1, SOON).unwrap();
+    for tick in 0..500 {
+        publication.publish(&sample(0, tick, false));
+    }
+    thread::sleep(SOON * 4);
+}
+
+/// Starts this test binary once more, to play one of the parts above.
+fn play(part: &str, variable: &str, instance: &str) -> Killed {
+    let process = Process::new(std::env::current_exe().unwrap())
+        .args(["--exact", part])
+        .env(variable, instance)
+        .stdout(Stdio::null())
+        .spawn();
+    Killed(process.unwrap())
+}
+
 /// Ends the process also when the test fails.
 struct Killed(Child);
 
@@ -301,12 +326,7 @@ impl Drop for Killed {
 fn a_logger_process_that_is_killed_does_not_hang_the_run_nor_harm_another_logger() {
     let instance = instance("killed");
     let mut publication = Publication::start(&instance, Pace::Lockstep { patience: SOON * 2 }).unwrap();
-    let process = Process::new(std::env::current_exe().unwrap())
-        .args(["--exact", "play_a_logger_in_a_process_of_its_own"])
-        .env(PLAY_LOGGER, &instance)
-        .stdout(Stdio::null())
-        .spawn();
-    let mut victim = Killed(process.unwrap());
+    let mut victim = play("play_a_logger_in_a_process_of_its_own", PLAY_LOGGER, &instance);
     let log = logger(&instance, Delivery::Lossless, 2, Duration::ZERO);
     publication.wait_for_loggers(2, SOON).unwrap();
     let begin = Instant::now();
@@ -329,7 +349,35 @@ fn a_logger_process_that_is_killed_does_not_hang_the_run_nor_harm_another_logger
 }
 
 #[test]
-fn in_real_time_the_loop_never_waits_and_a_logger_that_keeps_up_gets_all() {
+fn a_service_that_is_killed_leaves_no_debris_in_the_way_of_the_next_one() {
+    let instance = instance("restart");
+    let mut subscriber = SampleSubscriber::open(&instance, Delivery::Lossless).unwrap();
+    let mut victim = play("play_a_service_in_a_process_of_its_own", PLAY_SERVICE, &instance);
+    let mut samples = Vec::new();
+    let begin = Instant::now();
+    while samples.len() < 500 {
+        assert!(begin.elapsed() < SOON, "{} samples", samples.len());
+        subscriber.receive(Duration::from_millis(100), &mut samples).unwrap();
+    }
+    victim.kill();
+
+    // Without the removal of what the killed process left, the instance would be in use for ever.
+    let mut publication = Publication::start(&instance, Pace::LOCKSTEP).unwrap();
+    publication.wait_for_loggers(1, SOON).unwrap();
+    publish_run(&mut publication, 0, 1000);
+    while samples.len() < 1500 {
+        assert!(begin.elapsed() < SOON, "{} samples", samples.len());
+        subscriber.receive(Duration::from_millis(100), &mut samples).unwrap();
+    }
+    // Both services counted their runs from 0; the subscriber keeps them apart.
+    let (first, second) = (subscriber.take_certificate().unwrap(), subscriber.take_certificate().unwrap());
+    assert_eq!((first.received, first.end_seen), (500, false));
+    assert_eq!((second.received, second.is_lossless()), (1000, true));
+    assert_all_there(&samples[500..], 0, 1000);
+}
+
+#[test]
+fn in_real_time_a_stalled_logger_is_not_waited_for_and_one_that_keeps_up_gets_all() {
     let instance = instance("real-time");
     let mut publication = Publication::start(&instance, Pace::RealTime).unwrap();
     let stalled = SampleSubscriber::open(&instance, Delivery::Lossless).unwrap();
