@@ -1,0 +1,175 @@
+//! The shape of a script as TOML, before any meaning is given to it. Every value keeps its place in the text.
+
+use crate::condition::Channel;
+use crate::script::{Plane, Protocol, Role};
+use serde::Deserialize;
+use serde::de::{self, Visitor};
+use std::collections::BTreeMap;
+use std::ops::Range;
+use toml::Spanned;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawScript {
+    pub name: Spanned<String>,
+    pub protocol: Protocol,
+    pub role: Role,
+    pub plane: Plane,
+    pub about: Option<String>,
+    pub start: Spanned<RawStart>,
+    #[serde(default)]
+    pub step: Vec<Spanned<RawStep>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawStart {
+    pub fixture: Spanned<FixtureName>,
+    pub brake: Valve,
+    pub bypass: Valve,
+    pub fill_bar: Option<Spanned<Quantity>>,
+    pub angle_deg: Option<Spanned<Quantity>>,
+    pub pressure1_bar: Option<Spanned<Quantity>>,
+    pub pressure2_bar: Option<Spanned<Quantity>>,
+}
+
+/// The lists of a `for_each` by variable.
+pub(crate) type Lists = BTreeMap<String, Spanned<Vec<Spanned<f64>>>>;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawStep {
+    pub for_each: Option<Spanned<Lists>>,
+    pub repeat: Option<Spanned<u32>>,
+    pub stop_when: Option<Spanned<Vec<Spanned<RawCondition>>>>,
+    pub step: Option<Vec<Spanned<RawStep>>>,
+    pub random: Option<Spanned<RawRandom>>,
+    pub voltage_v: Option<Spanned<Quantity>>,
+    pub voltage_u_max: Option<Spanned<Quantity>>,
+    pub flow_ml_s: Option<Spanned<Quantity>>,
+    pub brake: Option<Spanned<Valve>>,
+    pub bypass: Option<Spanned<Valve>>,
+    pub fixture: Option<Spanned<FixtureName>>,
+    pub angle_deg: Option<Spanned<Quantity>>,
+    pub rate_deg_s: Option<Spanned<Quantity>>,
+    pub pressure1_bar: Option<Spanned<Quantity>>,
+    pub pressure2_bar: Option<Spanned<Quantity>>,
+    pub release_ml_s: Option<Spanned<Quantity>>,
+    pub for_s: Option<Spanned<Quantity>>,
+    pub until: Option<Spanned<Vec<Spanned<RawCondition>>>>,
+    pub timeout_s: Option<Spanned<Quantity>>,
+    pub new_segment: Option<Spanned<bool>>,
+}
+
+impl RawStep {
+    /// The keys of a hold that this step carries, with their places.
+    pub fn hold_keys(&self) -> impl Iterator<Item = (&'static str, Range<usize>)> {
+        fn at<T>(value: &Option<Spanned<T>>) -> Option<Range<usize>> {
+            value.as_ref().map(Spanned::span)
+        }
+        [
+            ("voltage_v", at(&self.voltage_v)),
+            ("voltage_u_max", at(&self.voltage_u_max)),
+            ("flow_ml_s", at(&self.flow_ml_s)),
+            ("brake", at(&self.brake)),
+            ("bypass", at(&self.bypass)),
+            ("fixture", at(&self.fixture)),
+            ("angle_deg", at(&self.angle_deg)),
+            ("rate_deg_s", at(&self.rate_deg_s)),
+            ("pressure1_bar", at(&self.pressure1_bar)),
+            ("pressure2_bar", at(&self.pressure2_bar)),
+            ("release_ml_s", at(&self.release_ml_s)),
+            ("for_s", at(&self.for_s)),
+            ("until", at(&self.until)),
+            ("timeout_s", at(&self.timeout_s)),
+            ("new_segment", at(&self.new_segment)),
+        ]
+        .into_iter()
+        .filter_map(|(name, span)| span.map(|span| (name, span)))
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawRandom {
+    pub total_s: Spanned<Quantity>,
+    pub length_s: Spanned<[f64; 2]>,
+    pub voltage_u_max: Spanned<[f64; 2]>,
+    pub zero_share: Spanned<f64>,
+    pub brake_closed_share: Spanned<f64>,
+    pub bypass_open_share: Spanned<f64>,
+    pub guard_deg: Spanned<Quantity>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawCondition {
+    pub channel: Channel,
+    pub above: Option<Spanned<Quantity>>,
+    pub below: Option<Spanned<Quantity>>,
+    pub rate_below: Option<Spanned<Quantity>>,
+    pub window_s: Option<Spanned<Quantity>>,
+}
+
+#[derive(Clone, Copy, Deserialize, PartialEq, Eq)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Valve {
+    Open,
+    Closed,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum FixtureName {
+    Free,
+    Clamped,
+    Driven,
+    Filled,
+    Released,
+    PumpBench,
+}
+
+impl FixtureName {
+    pub fn as_str(self) -> &'static str {
+        match self {
+            FixtureName::Free => "free",
+            FixtureName::Clamped => "clamped",
+            FixtureName::Driven => "driven",
+            FixtureName::Filled => "filled",
+            FixtureName::Released => "released",
+            FixtureName::PumpBench => "pump-bench",
+        }
+    }
+}
+
+/// A number, or a variable of an enclosing `for_each` (`"$name"`).
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Quantity {
+    Number(f64),
+    Variable(String),
+}
+
+impl<'de> Deserialize<'de> for Quantity {
+    fn deserialize<D: de::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct QuantityVisitor;
+        impl Visitor<'_> for QuantityVisitor {
+            type Value = Quantity;
+            fn expecting(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+                f.write_str("a number, or \"$name\" of a for_each variable")
+            }
+            fn visit_f64<E: de::Error>(self, value: f64) -> Result<Quantity, E> {
+                Ok(Quantity::Number(value))
+            }
+            fn visit_i64<E: de::Error>(self, value: i64) -> Result<Quantity, E> {
+                Ok(Quantity::Number(value as f64))
+            }
+            fn visit_str<E: de::Error>(self, value: &str) -> Result<Quantity, E> {
+                match value.strip_prefix('$') {
+                    Some(name) if !name.is_empty() => Ok(Quantity::Variable(name.to_owned())),
+                    _ => Err(E::invalid_value(de::Unexpected::Str(value), &self)),
+                }
+            }
+        }
+        deserializer.deserialize_any(QuantityVisitor)
+    }
+}

@@ -1,0 +1,259 @@
+//! A checked script: what it is for, and its steps with loops unrolled.
+
+use crate::compile;
+use crate::condition::Condition;
+use crate::error::{ScriptError, Source};
+use crate::expand;
+use crate::playback::Playback;
+use crate::raw::RawScript;
+use rt_core::Fixture;
+use serde::Deserialize;
+
+/// Largest angle, degrees either way, that a script may ask for: the range of the actuator with a little to spare.
+pub const ANGLE_LIMIT_DEG: f64 = 45.0;
+/// Largest pressure, bar absolute, that a script may ask for.
+pub const PRESSURE_LIMIT_BAR: f64 = 8.0;
+
+/// The campaign format's protocols.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[allow(missing_docs, reason = "the names are the campaign format's; `as_str` gives them as written there")]
+pub enum Protocol {
+    TorqueMap,
+    VolumeMap,
+    PumpMap,
+    ClampSteps,
+    ConstantFlow,
+    SquareWave,
+    RandomSteps,
+}
+
+impl Protocol {
+    /// As written in a campaign file.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Protocol::TorqueMap => "torque-map",
+            Protocol::VolumeMap => "volume-map",
+            Protocol::PumpMap => "pump-map",
+            Protocol::ClampSteps => "clamp-steps",
+            Protocol::ConstantFlow => "constant-flow",
+            Protocol::SquareWave => "square-wave",
+            Protocol::RandomSteps => "random-steps",
+        }
+    }
+}
+
+/// What the run may be used for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Role {
+    /// May be fitted.
+    Identify,
+    /// Only simulated and scored.
+    Validate,
+}
+
+impl Role {
+    /// As written in a campaign file.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Role::Identify => "identify",
+            Role::Validate => "validate",
+        }
+    }
+}
+
+/// The plane in which the lever turns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Plane {
+    /// No gravity torque.
+    Horizontal,
+    /// Gravity acts.
+    Vertical,
+}
+
+impl Plane {
+    /// As written in a campaign file.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Plane::Horizontal => "horizontal",
+            Plane::Vertical => "vertical",
+        }
+    }
+}
+
+/// What a script is bound to before it runs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Context {
+    /// Largest voltage of the rig's amplifier, V (> 0): `voltage_u_max` is a fraction of it, and none may exceed it.
+    pub u_max_v: f64,
+    /// Seed of the random steps. Each script mixes its name in, so that two scripts of a campaign differ.
+    pub seed: u64,
+}
+
+/// A parsed and checked script.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Script {
+    /// Name of the run, `[a-z0-9_]+`.
+    pub name: String,
+    /// The campaign format's protocol.
+    pub protocol: Protocol,
+    /// What the run may be used for.
+    pub role: Role,
+    /// The plane in which the lever turns.
+    pub plane: Plane,
+    /// Free text, may be empty.
+    pub about: String,
+    /// The operator's preparation: what holds the lever before the first step.
+    pub start_fixture: Fixture,
+    /// The operator's preparation: pressure of both chambers, bar absolute; `None` = as it is.
+    pub fill_bar: Option<f64>,
+    pub(crate) file: String,
+    pub(crate) start: State,
+    pub(crate) items: Vec<Item>,
+}
+
+impl Script {
+    /// Reads and checks a script. `file_name` is used in errors only.
+    ///
+    /// # Errors
+    /// Anything that is not the language: file, line, what was expected and what came.
+    pub fn parse(text: &str, file_name: &str) -> Result<Script, ScriptError> {
+        let source = Source { file: file_name, text };
+        let raw: RawScript = toml::from_str(text).map_err(|error| {
+            let offset = error.span().map_or(text.len(), |span| span.start);
+            source.error(offset, error.message())
+        })?;
+        expand::script(raw, &source)
+    }
+
+    /// Binds the script to a rig and a seed. The same script and context play the same.
+    ///
+    /// # Errors
+    /// A voltage above the rig's `u_max_v`, or a context that is no rig's.
+    pub fn compile(&self, context: &Context) -> Result<Playback, ScriptError> {
+        compile::playback(self, context)
+    }
+
+    /// Longest time the script can take, s: every wait runs into its timeout and no loop is left early.
+    pub fn duration_bound_s(&self) -> f64 {
+        self.items.iter().map(|item| item.kind.bound_s()).sum()
+    }
+}
+
+/// What is in force at a tick.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct State {
+    pub target: rt_core::Target,
+    pub brake_open: bool,
+    pub bypass_open: bool,
+    pub fixture: Fixture,
+}
+
+/// What a step changes when it begins; `None` = stays as it was.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Change {
+    pub drive: Option<Drive>,
+    pub brake_open: Option<bool>,
+    pub bypass_open: Option<bool>,
+    pub fixture: Option<FixtureChange>,
+}
+
+/// What the pump is to do; fractions are resolved when the rig is known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Drive {
+    VoltageV(f64),
+    VoltageUMax(f64),
+    FlowMlS(f64),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum FixtureChange {
+    To(Fixture),
+    /// The lever is led to this angle at this rate from where it was last told to be (or is measured, where it was free).
+    Ramp {
+        to_deg: f64,
+        rate_deg_s: f64,
+    },
+}
+
+/// An unrolled step.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Item {
+    pub line: usize,
+    /// Looked at, in order, before the item begins: the first that is met goes on at another item, behind the loop whose
+    /// pass begins here.
+    pub skips: Vec<Skip>,
+    pub kind: ItemKind,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Skip {
+    pub when: Vec<Condition>,
+    pub to: usize,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum ItemKind {
+    Hold(Hold),
+    Random { index: u64, steps: RandomSteps },
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Hold {
+    pub change: Change,
+    pub end: End,
+    pub new_segment: bool,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum End {
+    After {
+        seconds: f64,
+    },
+    Until {
+        any: Vec<Condition>,
+        timeout_s: f64,
+    },
+    /// When the ramp has arrived, at the latest after `bound_s`; `any` may end it earlier.
+    Arrival {
+        any: Vec<Condition>,
+        bound_s: f64,
+    },
+}
+
+/// A block of random voltage steps: each draws its length, size and sign evenly from the ranges; some are at 0 V, some with
+/// the brake closed, some with the bypass open. Where the voltage drives the lever outward at `guard_deg` or beyond, it
+/// changes sign for the rest of the step, in a segment of its own. Apart from the shares the brake is open and the bypass
+/// closed; the last step's valves stay after the block.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RandomSteps {
+    /// Length of the whole block, s.
+    pub total_s: f64,
+    /// Shortest and longest step, s.
+    pub length_s: [f64; 2],
+    /// Smallest and largest size of the voltage, fraction of u_max.
+    pub voltage_u_max: [f64; 2],
+    /// Share of steps at 0 V.
+    pub zero_share: f64,
+    /// Share of steps with the brake closed.
+    pub brake_closed_share: f64,
+    /// Share of steps with the bypass open.
+    pub bypass_open_share: f64,
+    /// Angle beyond which no voltage drives outward, degrees.
+    pub guard_deg: f64,
+}
+
+impl ItemKind {
+    fn bound_s(&self) -> f64 {
+        match self {
+            ItemKind::Hold(hold) => match hold.end {
+                End::After { seconds } => seconds,
+                End::Until { timeout_s, .. } => timeout_s,
+                End::Arrival { bound_s, .. } => bound_s,
+            },
+            ItemKind::Random { steps, .. } => steps.total_s,
+        }
+    }
+}

@@ -1,0 +1,256 @@
+//! The values of a step: numbers with their variables, ranges, fixtures, conditions.
+
+use crate::condition::{Condition, Limit};
+use crate::error::{ScriptError, Source};
+use crate::raw::{FixtureName, Quantity, RawCondition, RawRandom, RawStep};
+use crate::script::{ANGLE_LIMIT_DEG, Drive, End, FixtureChange, PRESSURE_LIMIT_BAR, RandomSteps};
+use rt_core::Fixture;
+use std::cell::Cell;
+use std::ops::Range;
+use toml::Spanned;
+
+/// Longest single hold, s.
+const MAX_HOLD_S: f64 = 86_400.0;
+/// One tick of the loop, s: the shortest hold.
+pub(crate) const TICK_S: f64 = rt_core::PERIOD_NS as f64 * 1e-9;
+/// Fastest ramp of the lever, degrees a second.
+const MAX_RATE_DEG_S: f64 = 90.0;
+
+/// A variable of a `for_each`, in one pass.
+pub(crate) struct Variable {
+    pub name: String,
+    pub value: f64,
+    pub used: Cell<bool>,
+}
+
+/// The keys that go with `fixture`.
+pub(crate) struct FixtureKeys<'a> {
+    pub angle_deg: Option<&'a Spanned<Quantity>>,
+    pub rate_deg_s: Option<&'a Spanned<Quantity>>,
+    pub pressure1_bar: Option<&'a Spanned<Quantity>>,
+    pub pressure2_bar: Option<&'a Spanned<Quantity>>,
+    pub release_ml_s: Option<&'a Spanned<Quantity>>,
+}
+
+impl<'a> FixtureKeys<'a> {
+    pub fn named(&self) -> [(&'static str, Option<&'a Spanned<Quantity>>); 5] {
+        [
+            ("angle_deg", self.angle_deg),
+            ("rate_deg_s", self.rate_deg_s),
+            ("pressure1_bar", self.pressure1_bar),
+            ("pressure2_bar", self.pressure2_bar),
+            ("release_ml_s", self.release_ml_s),
+        ]
+    }
+}
+
+/// Turns raw values into checked numbers, with the variables in scope.
+pub(crate) struct Reader<'a> {
+    pub source: &'a Source<'a>,
+    pub variables: &'a [Variable],
+}
+
+impl Reader<'_> {
+    fn number(&self, key: &str, quantity: &Spanned<Quantity>) -> Result<f64, ScriptError> {
+        let value = match quantity.get_ref() {
+            Quantity::Number(value) => *value,
+            Quantity::Variable(name) => match self.variables.iter().find(|v| v.name == *name) {
+                Some(variable) => {
+                    variable.used.set(true);
+                    variable.value
+                }
+                None => {
+                    let known: Vec<_> = self.variables.iter().map(|v| v.name.as_str()).collect();
+                    let what = format!(
+                        "`{key}` names the variable `{name}`, which no enclosing for_each sets (in scope: {})",
+                        if known.is_empty() { "none".to_owned() } else { known.join(", ") }
+                    );
+                    return Err(self.source.error(quantity.span().start, what));
+                }
+            },
+        };
+        if value.is_finite() {
+            Ok(value)
+        } else {
+            Err(self.source.error(quantity.span().start, format!("`{key}` must be a finite number, got {value}")))
+        }
+    }
+
+    fn within(&self, key: &str, quantity: &Spanned<Quantity>, low: f64, high: f64) -> Result<f64, ScriptError> {
+        let value = self.number(key, quantity)?;
+        self.check(key, value, quantity.span().start, low, high)
+    }
+
+    fn check(&self, key: &str, value: f64, offset: usize, low: f64, high: f64) -> Result<f64, ScriptError> {
+        if (low..=high).contains(&value) {
+            Ok(value)
+        } else {
+            Err(self.source.error(offset, format!("`{key}` must lie within {low} .. {high}, got {value}")))
+        }
+    }
+
+    fn angle(&self, key: &str, quantity: &Spanned<Quantity>) -> Result<f64, ScriptError> {
+        self.within(key, quantity, -ANGLE_LIMIT_DEG, ANGLE_LIMIT_DEG)
+    }
+
+    /// Absolute pressures; 0.1 bar is next to vacuum.
+    pub fn pressure(&self, key: &str, quantity: &Spanned<Quantity>) -> Result<f64, ScriptError> {
+        self.within(key, quantity, 0.1, PRESSURE_LIMIT_BAR)
+    }
+
+    fn duration(&self, key: &str, quantity: &Spanned<Quantity>) -> Result<f64, ScriptError> {
+        self.within(key, quantity, TICK_S, MAX_HOLD_S)
+    }
+
+    pub fn drive(&self, raw: &RawStep) -> Result<Option<Drive>, ScriptError> {
+        let given = [&raw.voltage_v, &raw.voltage_u_max, &raw.flow_ml_s];
+        if let [Some(_), Some(second), ..] | [_, Some(_), Some(second)] | [Some(_), _, Some(second)] = given {
+            let what = "only one of `voltage_v`, `voltage_u_max` and `flow_ml_s` can drive the pump, got several";
+            return Err(self.source.error(second.span().start, what));
+        }
+        Ok(if let Some(value) = &raw.voltage_v {
+            // The rig's own limit is checked when the script is bound to it.
+            Some(Drive::VoltageV(self.number("voltage_v", value)?))
+        } else if let Some(value) = &raw.voltage_u_max {
+            Some(Drive::VoltageUMax(self.within("voltage_u_max", value, -1.0, 1.0)?))
+        } else if let Some(value) = &raw.flow_ml_s {
+            Some(Drive::FlowMlS(self.number("flow_ml_s", value)?))
+        } else {
+            None
+        })
+    }
+
+    pub fn fixture(
+        &self,
+        name: FixtureName,
+        place: Range<usize>,
+        keys: &FixtureKeys,
+    ) -> Result<FixtureChange, ScriptError> {
+        let needed: &[&str] = match name {
+            FixtureName::Free => &[],
+            FixtureName::Clamped => &["angle_deg"],
+            FixtureName::Driven => &["angle_deg", "rate_deg_s"],
+            FixtureName::Filled => &["angle_deg", "pressure1_bar", "pressure2_bar"],
+            FixtureName::Released => &["angle_deg", "release_ml_s"],
+            FixtureName::PumpBench => &["pressure1_bar", "pressure2_bar"],
+        };
+        for (key, value) in keys.named() {
+            if let Some(value) = value.filter(|_| !needed.contains(&key)) {
+                let what = format!("the fixture `{}` has no `{key}`: remove it", name.as_str());
+                return Err(self.source.error(value.span().start, what));
+            }
+        }
+        let missing = |key: &str| {
+            let what = format!("the fixture `{}` needs {}: `{key}` is missing", name.as_str(), needed.join(", "));
+            self.source.error(place.start, what)
+        };
+        let angle = || self.angle("angle_deg", keys.angle_deg.ok_or_else(|| missing("angle_deg"))?);
+        let pressure1 = || self.pressure("pressure1_bar", keys.pressure1_bar.ok_or_else(|| missing("pressure1_bar"))?);
+        let pressure2 = || self.pressure("pressure2_bar", keys.pressure2_bar.ok_or_else(|| missing("pressure2_bar"))?);
+        Ok(FixtureChange::To(match name {
+            FixtureName::Free => Fixture::Free,
+            FixtureName::Clamped => Fixture::Clamped { angle_deg: angle()? },
+            FixtureName::Driven => {
+                let rate = keys.rate_deg_s.ok_or_else(|| missing("rate_deg_s"))?;
+                let rate_deg_s = self.within("rate_deg_s", rate, 0.01, MAX_RATE_DEG_S)?;
+                return Ok(FixtureChange::Ramp { to_deg: angle()?, rate_deg_s });
+            }
+            FixtureName::Filled => {
+                Fixture::Filled { angle_deg: angle()?, pressure1_bar: pressure1()?, pressure2_bar: pressure2()? }
+            }
+            FixtureName::Released => {
+                let rate = keys.release_ml_s.ok_or_else(|| missing("release_ml_s"))?;
+                let flow_ml_s = self.within("release_ml_s", rate, 0.0, 100.0)?;
+                Fixture::Released { angle_deg: angle()?, flow_ml_s }
+            }
+            FixtureName::PumpBench => Fixture::PumpBench { pressure1_bar: pressure1()?, pressure2_bar: pressure2()? },
+        }))
+    }
+
+    pub fn end(&self, raw: &RawStep, offset: usize) -> Result<End, ScriptError> {
+        match (&raw.for_s, &raw.until, &raw.timeout_s) {
+            (Some(seconds), None, None) => Ok(End::After { seconds: self.duration("for_s", seconds)? }),
+            (None, Some(until), Some(timeout)) => Ok(End::Until {
+                any: self.conditions("until", until)?,
+                timeout_s: self.duration("timeout_s", timeout)?,
+            }),
+            (None, Some(until), None) => {
+                Err(self.source.error(until.span().start, "`until` needs a `timeout_s` beside it, got none"))
+            }
+            (Some(_), Some(until), _) => {
+                Err(self.source.error(until.span().start, "a hold has either `for_s` or `until`, got both"))
+            }
+            (_, None, Some(timeout)) => {
+                Err(self.source.error(timeout.span().start, "`timeout_s` belongs to `until`, which is missing"))
+            }
+            (None, None, None) => {
+                Err(self.source.error(offset, "a hold needs `for_s`, or `until` with `timeout_s`, got neither"))
+            }
+        }
+    }
+
+    pub fn arrival(&self, raw: &RawStep, bound_s: f64) -> Result<End, ScriptError> {
+        for (key, value) in [("for_s", &raw.for_s), ("timeout_s", &raw.timeout_s)] {
+            if let Some(value) = value {
+                let what = format!("a `driven` step ends when the lever has arrived: remove `{key}`");
+                return Err(self.source.error(value.span().start, what));
+            }
+        }
+        let any = raw.until.as_ref().map(|until| self.conditions("until", until)).transpose()?;
+        Ok(End::Arrival { any: any.unwrap_or_default(), bound_s })
+    }
+
+    pub fn conditions(
+        &self,
+        key: &str,
+        raw: &Spanned<Vec<Spanned<RawCondition>>>,
+    ) -> Result<Vec<Condition>, ScriptError> {
+        if raw.get_ref().is_empty() {
+            return Err(self.source.error(raw.span().start, format!("`{key}` needs at least one condition, got none")));
+        }
+        raw.get_ref().iter().map(|condition| self.condition(key, condition)).collect()
+    }
+
+    fn condition(&self, key: &str, raw: &Spanned<RawCondition>) -> Result<Condition, ScriptError> {
+        let RawCondition { channel, above, below, rate_below, window_s } = raw.get_ref();
+        let limit = match (above, below, rate_below, window_s) {
+            (Some(limit), None, None, None) => Limit::Above(self.number("above", limit)?),
+            (None, Some(limit), None, None) => Limit::Below(self.number("below", limit)?),
+            // A rate needs ticks to be seen; `stop_when` looks at one.
+            (None, None, Some(rate), Some(window)) if key == "until" => Limit::RateBelow {
+                per_s: self.within("rate_below", rate, 1e-9, 1e9)?,
+                window_s: self.duration("window_s", window)?,
+            },
+            _ => {
+                let rate = if key == "until" { ", or `rate_below` with `window_s`" } else { "" };
+                let what = format!("a condition of `{key}` needs exactly one of `above` and `below`{rate}");
+                return Err(self.source.error(raw.span().start, what));
+            }
+        };
+        Ok(Condition::new(*channel, limit))
+    }
+
+    pub fn random(&self, raw: &RawRandom) -> Result<RandomSteps, ScriptError> {
+        let pair = |key: &str, value: &Spanned<[f64; 2]>, low: f64, high: f64| {
+            let [from, to] = *value.get_ref();
+            if from.is_finite() && to.is_finite() && low <= from && from <= to && to <= high {
+                return Ok([from, to]);
+            }
+            let what = format!("`{key}` must be [smallest, largest] within {low} .. {high}, got [{from}, {to}]");
+            Err(self.source.error(value.span().start, what))
+        };
+        let share = |key: &str, value: &Spanned<f64>| self.check(key, *value.get_ref(), value.span().start, 0.0, 1.0);
+        let steps = RandomSteps {
+            total_s: self.duration("total_s", &raw.total_s)?,
+            length_s: pair("length_s", &raw.length_s, 0.01, MAX_HOLD_S)?,
+            voltage_u_max: pair("voltage_u_max", &raw.voltage_u_max, 0.0, 1.0)?,
+            zero_share: share("zero_share", &raw.zero_share)?,
+            brake_closed_share: share("brake_closed_share", &raw.brake_closed_share)?,
+            bypass_open_share: share("bypass_open_share", &raw.bypass_open_share)?,
+            guard_deg: self.within("guard_deg", &raw.guard_deg, 1.0, ANGLE_LIMIT_DEG)?,
+        };
+        let valves = steps.brake_closed_share + steps.bypass_open_share;
+        self.check("brake_closed_share + bypass_open_share", valves, raw.bypass_open_share.span().start, 0.0, 1.0)?;
+        Ok(steps)
+    }
+}
