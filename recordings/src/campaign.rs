@@ -1,8 +1,16 @@
 //! A campaign: a folder with `campaign.toml` beside one file a run.
 
+use std::fs;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use crate::{CampaignError, Plane, Protocol, Recording, Role};
+use crate::error::Place;
+use crate::part_file::{Existing, PartFile, part_path};
+use crate::recording::FileKind;
+use crate::{CampaignError, Plane, Protocol, Recording, Role, campaign_toml, mcap_reader};
+
+/// Name of the file that makes a folder a campaign.
+pub const CAMPAIGN_FILE: &str = "campaign.toml";
 
 /// What is known of the rig without identification.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,17 +52,60 @@ pub struct Campaign {
 impl Campaign {
     /// Reads and checks `dir/campaign.toml`, and that every run's file is there. The runs themselves are read by
     /// [`Campaign::read`].
-    pub fn open(_dir: &Path) -> Result<Campaign, CampaignError> {
-        todo!("next commit")
+    ///
+    /// # Errors
+    /// Name the file, the line and the key: wrong format number, missing or ill-typed key, unknown protocol, role or
+    /// plane, value out of range, no run, a file that is named twice, lies outside the folder or does not exist.
+    pub fn open(dir: &Path) -> Result<Campaign, CampaignError> {
+        let path = dir.join(CAMPAIGN_FILE);
+        let bytes = fs::read(&path).map_err(|source| CampaignError::read(&path, source))?;
+        let text = String::from_utf8(bytes).map_err(|error| {
+            let good = error.utf8_error().valid_up_to();
+            let line = 1 + error.as_bytes()[..good].iter().filter(|&&byte| byte == b'\n').count();
+            let at = Place::file(&path).line(line as u64);
+            CampaignError::content(at, "text in UTF-8", "a byte that is not", "save the file as UTF-8")
+        })?;
+        let parsed = campaign_toml::parse(&path, &text)?;
+        for (run, at) in parsed.runs.iter().zip(parsed.places) {
+            let file = dir.join(&run.file);
+            if !file.is_file() {
+                let remedy = if part_path(&file).exists() {
+                    "this run was never closed (its .part is there): record it again"
+                } else {
+                    "put the recording there or take the run out of the campaign"
+                };
+                return Err(CampaignError::content(
+                    at,
+                    "a recording in the folder",
+                    format!("no file {:?}", run.file),
+                    remedy,
+                ));
+            }
+        }
+        Ok(Campaign { dir: dir.to_owned(), name: parsed.name, rig: parsed.rig, runs: parsed.runs })
     }
 
-    /// Reads and checks one run.
+    /// Reads and checks one run (see [`Recording::read`]). An MCAP recording that says another protocol or plane than
+    /// the campaign does is an error; its role is the campaign's to decide.
     pub fn read(&self, run: &RunEntry) -> Result<Recording, CampaignError> {
-        Recording::read(&self.dir.join(&run.file), run.protocol)
+        let path = self.dir.join(&run.file);
+        match FileKind::of_name(&run.file) {
+            Some(FileKind::Mcap) => mcap_reader::read_recording(&path, run.protocol, Some(run.plane)),
+            _ => Recording::read(&path, run.protocol),
+        }
     }
 
-    /// Writes `campaign.toml` into the folder; what [`Campaign::open`] reads is the same campaign.
+    /// Writes `campaign.toml` into the folder (which must exist), replacing the one that is there; keys that other tools
+    /// added are not kept. The runs' files need not exist yet.
+    ///
+    /// # Errors
+    /// Whatever [`Campaign::open`] would refuse, before anything is written, and the system's refusal.
     pub fn write_toml(&self) -> Result<(), CampaignError> {
-        todo!("next commit")
+        let path = self.dir.join(CAMPAIGN_FILE);
+        let text = campaign_toml::render(&self.name, &self.rig, &self.runs);
+        campaign_toml::parse(&path, &text)?;
+        let mut file = PartFile::create(&path, Existing::Replace)?;
+        file.write_all(text.as_bytes()).map_err(|source| CampaignError::write(&path, source))?;
+        file.commit().map(drop)
     }
 }

@@ -9,30 +9,39 @@ use std::path::{Path, PathBuf};
 pub struct Place {
     /// The file.
     pub file: PathBuf,
-    /// Line, counted from 1 (a CSV header is line 1).
-    pub line: Option<u64>,
+    /// Where in the file.
+    pub spot: Spot,
     /// Name of the CSV column, the TOML key or the MCAP field.
     pub column: Option<String>,
 }
 
-impl Place {
+/// Where in a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Spot {
     /// The file as a whole.
-    pub fn file(file: &Path) -> Self {
-        Self {
-            file: file.to_owned(),
-            line: None,
-            column: None,
-        }
+    Whole,
+    /// Line of a text file, counted from 1 (a CSV header is line 1).
+    Line(u64),
+    /// Tick of an MCAP recording, counted from 0.
+    Tick(u64),
+}
+
+impl Place {
+    pub(crate) fn file(file: &Path) -> Self {
+        Self { file: file.to_owned(), spot: Spot::Whole, column: None }
     }
 
-    /// With a line, counted from 1.
-    pub fn line(mut self, line: u64) -> Self {
-        self.line = Some(line);
+    pub(crate) fn line(mut self, line: u64) -> Self {
+        self.spot = Spot::Line(line);
         self
     }
 
-    /// With the name of a column or key.
-    pub fn column(mut self, column: impl Into<String>) -> Self {
+    pub(crate) fn tick(mut self, tick: u64) -> Self {
+        self.spot = Spot::Tick(tick);
+        self
+    }
+
+    pub(crate) fn column(mut self, column: impl Into<String>) -> Self {
         self.column = Some(column.into());
         self
     }
@@ -41,8 +50,10 @@ impl Place {
 impl fmt::Display for Place {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.file.display())?;
-        if let Some(line) = self.line {
-            write!(f, ", line {line}")?;
+        match self.spot {
+            Spot::Whole => {}
+            Spot::Line(line) => write!(f, ", line {line}")?,
+            Spot::Tick(tick) => write!(f, ", tick {tick}")?,
         }
         if let Some(column) = &self.column {
             write!(f, ", {column}")?;
@@ -51,23 +62,28 @@ impl fmt::Display for Place {
     }
 }
 
+/// Content that is not what the format asks for.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{at}: expected {expected}, got {got}; {remedy}")]
+pub struct Mismatch {
+    /// Where.
+    pub at: Place,
+    /// What the format asks for.
+    pub expected: String,
+    /// What is there.
+    pub got: String,
+    /// What to do.
+    pub remedy: String,
+}
+
 /// Why a campaign or one of its recordings could not be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum CampaignError {
-    /// The content is not what the format asks for: the user's input has to change.
-    #[error("{at}: expected {expected}, got {got}; {remedy}")]
-    Content {
-        /// Where.
-        at: Place,
-        /// What the format asks for.
-        expected: String,
-        /// What is there.
-        got: String,
-        /// What to do.
-        remedy: String,
-    },
+    /// The content is not what the format asks for: the input has to change.
+    #[error(transparent)]
+    Content(Box<Mismatch>),
     /// The operating system refused to read.
-    #[error("{}: can't be read: {source}; check that it exists and that its permissions allow reading", file.display())]
+    #[error("{}: expected a readable file, got \"{source}\"; check the path and the permissions", file.display())]
     Read {
         /// The file.
         file: PathBuf,
@@ -75,7 +91,7 @@ pub enum CampaignError {
         source: io::Error,
     },
     /// The operating system refused to write.
-    #[error("{}: can't be written: {source}; check the folder, its permissions and the free space", file.display())]
+    #[error("{}: expected to write it, got \"{source}\"; check the folder, its permissions and the free space", file.display())]
     Write {
         /// The file.
         file: PathBuf,
@@ -91,25 +107,25 @@ impl CampaignError {
         got: impl Into<String>,
         remedy: impl Into<String>,
     ) -> Self {
-        Self::Content {
-            at,
-            expected: expected.into(),
-            got: got.into(),
-            remedy: remedy.into(),
-        }
+        let (expected, got, remedy) = (expected.into(), got.into(), remedy.into());
+        Self::Content(Box::new(Mismatch { at, expected, got, remedy }))
     }
 
     pub(crate) fn read(file: &Path, source: io::Error) -> Self {
-        Self::Read {
-            file: file.to_owned(),
-            source,
-        }
+        Self::Read { file: file.to_owned(), source }
     }
 
     pub(crate) fn write(file: &Path, source: io::Error) -> Self {
-        Self::Write {
-            file: file.to_owned(),
-            source,
-        }
+        Self::Write { file: file.to_owned(), source }
+    }
+}
+
+/// What came, quoted for a message and cut to a length that a person still reads.
+pub(crate) fn quoted(text: &[u8]) -> String {
+    const MOST: usize = 160;
+    let text = String::from_utf8_lossy(text);
+    match text.char_indices().nth(MOST) {
+        Some((end, _)) => format!("{:?}...", &text[..end]),
+        None => format!("{text:?}"),
     }
 }

@@ -1,11 +1,24 @@
-//! Recordings: bytes to samples and back. Campaign folders, CSV and MCAP (see `FORMAT.md`).
+//! Recordings: bytes to samples and back. Campaign folders, CSV and MCAP; `FORMAT.md` is the normative text.
+//!
+//! Readers refuse what they don't understand, with file, line (or tick) and column; nothing is repaired silently.
 
 mod campaign;
+mod campaign_toml;
+mod csv_reader;
+mod csv_writer;
 mod error;
+mod mcap_reader;
+mod mcap_writer;
+mod part_file;
 mod recording;
+mod run_metadata;
 mod vocabulary;
+mod wire;
 
-pub use campaign::{Campaign, RigFacts, RunEntry};
-pub use error::{CampaignError, Place};
+pub use campaign::{CAMPAIGN_FILE, Campaign, RigFacts, RunEntry};
+pub use error::{CampaignError, Mismatch, Place, Spot};
+pub use mcap_reader::{Item, McapReader};
+pub use mcap_writer::McapWriter;
 pub use recording::Recording;
+pub use run_metadata::{Event, Gap, LossCertificate, RunMetadata, Severity};
 pub use vocabulary::{Plane, Protocol, Role, UnknownWord};

@@ -2,7 +2,10 @@
 
 use std::path::Path;
 
-use crate::{CampaignError, Protocol};
+use rt_core::Sample;
+
+use crate::error::Place;
+use crate::{CampaignError, Protocol, csv_reader, csv_writer, mcap_reader};
 
 /// A run as columns of equal length, one row a sample; NaN = missing value. Units and sign convention as in the
 /// contract; voltage and valves of a row act from its time to the next row's, the other columns are the state at its time.
@@ -30,6 +33,20 @@ pub struct Recording {
     pub segment: Vec<i64>,
 }
 
+/// The contract's columns, in the order in which they are written.
+pub(crate) const COLUMNS: [&str; 10] = [
+    "time_s",
+    "voltage_v",
+    "angle_deg",
+    "pressure1_bar",
+    "pressure2_bar",
+    "torque_nm",
+    "volume_ml",
+    "brake_open",
+    "bypass_open",
+    "segment",
+];
+
 impl Recording {
     /// Number of rows.
     pub fn len(&self) -> usize {
@@ -42,14 +59,126 @@ impl Recording {
     }
 
     /// Reads `.csv`, `.csv.gz` or `.mcap`, by the file's extension, and checks it against the contract's rules for this
-    /// protocol. Errors name file, line and column.
-    pub fn read(_path: &Path, _protocol: Protocol) -> Result<Recording, CampaignError> {
-        todo!("next commit")
+    /// protocol: time strictly increasing, at least one row, no value where one is never missing, and no column empty
+    /// throughout that carries what the protocol measures. Errors name file, line (or tick) and column.
+    pub fn read(path: &Path, protocol: Protocol) -> Result<Recording, CampaignError> {
+        match FileKind::of(path)? {
+            FileKind::Csv { gzip } => csv_reader::read(path, gzip, protocol),
+            FileKind::Mcap => mcap_reader::read_recording(path, protocol, None),
+        }
     }
 
-    /// Writes the contract's CSV columns; gzip where the name ends in `.gz`. NaN becomes an empty field, and every number
-    /// is written so that reading gives the same bits.
-    pub fn write_csv(&self, _path: &Path) -> Result<(), CampaignError> {
-        todo!("next commit")
+    /// Writes the contract's CSV columns; gzip where the name ends in `.csv.gz`. NaN becomes an empty field, every number
+    /// is written so that reading gives the same bits. Replaces an existing file once the new one is complete.
+    ///
+    /// # Errors
+    /// Columns of unequal length, time that does not increase, a NaN in time or voltage, an infinite value anywhere
+    /// (nothing is written that [`Recording::read`] would refuse), another extension, or the system's refusal.
+    pub fn write_csv(&self, path: &Path) -> Result<(), CampaignError> {
+        match FileKind::of(path)? {
+            FileKind::Csv { gzip } => csv_writer::write(self, path, gzip),
+            FileKind::Mcap => Err(CampaignError::content(
+                Place::file(path),
+                "a file name that ends in .csv or .csv.gz",
+                "one that ends in .mcap",
+                "choose the extension that says what is written",
+            )),
+        }
+    }
+
+    pub(crate) fn push_sample(&mut self, sample: &Sample) {
+        self.time_s.push(sample.time_s());
+        self.voltage_v.push(sample.voltage_v);
+        self.angle_deg.push(sample.angle_deg);
+        self.pressure1_bar.push(sample.pressure1_bar);
+        self.pressure2_bar.push(sample.pressure2_bar);
+        self.torque_nm.push(sample.torque_nm);
+        self.volume_ml.push(sample.volume_ml);
+        self.brake_open.push(sample.brake_open());
+        self.bypass_open.push(sample.bypass_open());
+        self.segment.push(i64::from(sample.segment));
+    }
+
+    /// The columns that hold measured values, by name.
+    pub(crate) fn measured(&self) -> [(&'static str, &[f64]); 5] {
+        [
+            ("angle_deg", &self.angle_deg),
+            ("pressure1_bar", &self.pressure1_bar),
+            ("pressure2_bar", &self.pressure2_bar),
+            ("torque_nm", &self.torque_nm),
+            ("volume_ml", &self.volume_ml),
+        ]
+    }
+
+    /// What a file of this protocol must hold as a whole: at least one row, and at least one value in each column that
+    /// carries what the protocol measures. `start` is the place of the first row.
+    pub(crate) fn check_whole(&self, protocol: Protocol, start: Place) -> Result<(), CampaignError> {
+        if self.is_empty() {
+            return Err(CampaignError::content(
+                start,
+                "at least one sample",
+                "none",
+                "record the run again or take it out of campaign.toml",
+            ));
+        }
+        for (column, values) in self.measured() {
+            if carries(protocol, column) && values.iter().all(|value| value.is_nan()) {
+                return Err(CampaignError::content(
+                    start.column(column),
+                    format!("at least one value in a run of protocol {protocol}"),
+                    format!("no value in any of {} rows", self.len()),
+                    "check the sensor and the protocol named in campaign.toml",
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Whether a run of this protocol is void where this measured column is empty throughout.
+fn carries(protocol: Protocol, column: &str) -> bool {
+    match column {
+        "angle_deg" => protocol != Protocol::PumpMap,
+        "torque_nm" => protocol == Protocol::TorqueMap,
+        "volume_ml" => matches!(protocol, Protocol::VolumeMap | Protocol::PumpMap | Protocol::ClampSteps),
+        _ => true,
+    }
+}
+
+/// What a file's extension says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum FileKind {
+    Csv { gzip: bool },
+    Mcap,
+}
+
+/// The extensions a run may have, for messages.
+pub(crate) const EXTENSIONS: &str = ".mcap, .csv or .csv.gz";
+
+impl FileKind {
+    /// By the name alone; `None` = not a recording.
+    pub(crate) fn of_name(name: &str) -> Option<Self> {
+        if name.ends_with(".csv") {
+            Some(Self::Csv { gzip: false })
+        } else if name.ends_with(".csv.gz") {
+            Some(Self::Csv { gzip: true })
+        } else if name.ends_with(".mcap") {
+            Some(Self::Mcap)
+        } else {
+            None
+        }
+    }
+
+    fn of(path: &Path) -> Result<Self, CampaignError> {
+        let name = path.file_name().map(|name| name.to_string_lossy()).unwrap_or_default();
+        Self::of_name(&name).ok_or_else(|| {
+            let remedy = if name.ends_with(crate::part_file::PART) {
+                "this recording was never closed: record the run again"
+            } else {
+                "name the file by what it is"
+            };
+            let expected = format!("a file name that ends in {EXTENSIONS}");
+            CampaignError::content(Place::file(path), expected, format!("{name:?}"), remedy)
+        })
     }
 }

@@ -105,24 +105,12 @@ impl Plane {
 }
 
 /// The item of `all` that is spelled `word`; no case folding, no abbreviations.
-fn find<T: Copy>(
-    what: &'static str,
-    all: &[T],
-    spell: fn(T) -> &'static str,
-    word: &str,
-) -> Result<T, UnknownWord> {
-    all.iter()
-        .copied()
-        .find(|item| spell(*item) == word)
-        .ok_or_else(|| UnknownWord {
-            what,
-            allowed: all
-                .iter()
-                .map(|item| format!("{:?}", spell(*item)))
-                .collect::<Vec<_>>()
-                .join(", "),
-            got: word.to_owned(),
-        })
+fn find<T: Copy>(what: &'static str, all: &[T], spell: fn(T) -> &'static str, word: &str) -> Result<T, UnknownWord> {
+    all.iter().copied().find(|item| spell(*item) == word).ok_or_else(|| UnknownWord {
+        what,
+        allowed: all.iter().map(|item| format!("{:?}", spell(*item))).collect::<Vec<_>>().join(", "),
+        got: word.to_owned(),
+    })
 }
 
 impl FromStr for Protocol {

@@ -1,0 +1,209 @@
+//! The words of an MCAP recording: topics, schemas, metadata records, and messages to and from the boundary types.
+//! Normative text: `FORMAT.md`.
+
+use std::collections::BTreeMap;
+
+use prost::Message;
+use rt_core::{SAMPLE_VERSION, Sample, flags};
+
+use crate::run_metadata::{Event, Gap, LossCertificate, RunMetadata, Severity};
+use crate::vocabulary::UnknownWord;
+
+mod proto {
+    include!(concat!(env!("OUT_DIR"), "/rec_bench.v1.rs"));
+}
+
+/// The descriptor set of `proto/`, which is the schema of both topics.
+pub(crate) const SCHEMA: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/rec_bench.fds"));
+pub(crate) const ENCODING: &str = "protobuf";
+pub(crate) const SAMPLE_TOPIC: &str = "/rig/sample";
+pub(crate) const SAMPLE_SCHEMA: &str = "rec_bench.v1.RigSample";
+pub(crate) const EVENT_TOPIC: &str = "/events";
+pub(crate) const EVENT_SCHEMA: &str = "rec_bench.v1.Event";
+
+/// Names of the metadata records.
+pub(crate) const RUN_RECORD: &str = "rec_bench.run";
+pub(crate) const LOSS_RECORD: &str = "rec_bench.loss";
+
+/// Version of the recording format: what `rec_bench.run` says under `format`.
+pub(crate) const FORMAT: &str = "1";
+
+/// Notes stand in `rec_bench.run` under their name with this before it.
+const NOTE: &str = "note.";
+
+/// The flag bits that have a field of their own in the message.
+const FLAG_FIELDS: u32 = flags::BRAKE_OPEN | flags::BYPASS_OPEN | flags::TRIPPED | flags::LAST;
+
+/// Replaces `bytes` by the message of this sample.
+pub(crate) fn encode_sample(sample: &Sample, bytes: &mut Vec<u8>) {
+    let message = proto::RigSample {
+        version: sample.version,
+        run: sample.run,
+        tick: sample.tick,
+        scheduled_ns: sample.scheduled_ns,
+        lateness_ns: sample.lateness_ns,
+        input_age_ns: sample.input_age_ns,
+        segment: sample.segment,
+        voltage_v: Some(sample.voltage_v),
+        angle_deg: Some(plain(sample.angle_deg)),
+        pressure1_bar: Some(plain(sample.pressure1_bar)),
+        pressure2_bar: Some(plain(sample.pressure2_bar)),
+        torque_nm: Some(plain(sample.torque_nm)),
+        volume_ml: Some(plain(sample.volume_ml)),
+        brake_open: sample.brake_open(),
+        bypass_open: sample.bypass_open(),
+        tripped: sample.flags & flags::TRIPPED != 0,
+        last: sample.last(),
+        other_flags: sample.flags & !FLAG_FIELDS,
+    };
+    bytes.clear();
+    message.encode(bytes).expect("a Vec grows as far as a message needs");
+}
+
+/// One NaN for all: its sign and payload depend on the machine, and the same run must give the same bytes.
+fn plain(value: f64) -> f64 {
+    if value.is_nan() { f64::NAN } else { value }
+}
+
+/// The sample of a message, or what is wrong with it.
+pub(crate) fn decode_sample(bytes: &[u8]) -> Result<Sample, String> {
+    let message = proto::RigSample::decode(bytes).map_err(|error| error.to_string())?;
+    if message.version != SAMPLE_VERSION {
+        return Err(format!("a sample of version {}", message.version));
+    }
+    let bit = |set: bool, bit: u32| if set { bit } else { 0 };
+    Ok(Sample {
+        version: message.version,
+        run: message.run,
+        tick: message.tick,
+        scheduled_ns: message.scheduled_ns,
+        lateness_ns: message.lateness_ns,
+        input_age_ns: message.input_age_ns,
+        voltage_v: message.voltage_v.unwrap_or(f64::NAN),
+        angle_deg: message.angle_deg.unwrap_or(f64::NAN),
+        pressure1_bar: message.pressure1_bar.unwrap_or(f64::NAN),
+        pressure2_bar: message.pressure2_bar.unwrap_or(f64::NAN),
+        torque_nm: message.torque_nm.unwrap_or(f64::NAN),
+        volume_ml: message.volume_ml.unwrap_or(f64::NAN),
+        segment: message.segment,
+        flags: (message.other_flags & !FLAG_FIELDS)
+            | bit(message.brake_open, flags::BRAKE_OPEN)
+            | bit(message.bypass_open, flags::BYPASS_OPEN)
+            | bit(message.tripped, flags::TRIPPED)
+            | bit(message.last, flags::LAST),
+    })
+}
+
+/// The message of this event.
+pub(crate) fn encode_event(event: &Event) -> Vec<u8> {
+    let severity = match event.severity {
+        Severity::Info => proto::event::Severity::Info,
+        Severity::Warning => proto::event::Severity::Warning,
+        Severity::Error => proto::event::Severity::Error,
+    };
+    proto::Event {
+        tick: event.tick,
+        scheduled_ns: event.scheduled_ns,
+        severity: severity.into(),
+        source: event.source.clone(),
+        text: event.text.clone(),
+    }
+    .encode_to_vec()
+}
+
+/// The event of a message, or what is wrong with it.
+pub(crate) fn decode_event(bytes: &[u8]) -> Result<Event, String> {
+    let message = proto::Event::decode(bytes).map_err(|error| error.to_string())?;
+    let severity = match proto::event::Severity::try_from(message.severity) {
+        Ok(proto::event::Severity::Info) => Severity::Info,
+        Ok(proto::event::Severity::Warning) => Severity::Warning,
+        Ok(proto::event::Severity::Error) => Severity::Error,
+        Err(_) => return Err(format!("an event of severity {}", message.severity)),
+    };
+    let proto::Event { tick, scheduled_ns, source, text, .. } = message;
+    Ok(Event { tick, scheduled_ns, severity, source, text })
+}
+
+/// The fields of the record `rec_bench.run`.
+pub(crate) fn run_fields(run: &RunMetadata) -> BTreeMap<String, String> {
+    [
+        ("format", FORMAT),
+        ("name", run.name.as_str()),
+        ("protocol", run.protocol.as_str()),
+        ("role", run.role.as_str()),
+        ("plane", run.plane.as_str()),
+        ("profile", run.profile.as_str()),
+    ]
+    .into_iter()
+    .map(|(key, value)| (key.to_owned(), value.to_owned()))
+    .chain(run.notes.iter().map(|(name, text)| (format!("{NOTE}{name}"), text.clone())))
+    .collect()
+}
+
+/// A metadata record that does not say what it has to: the key, what is expected, what came.
+pub(crate) struct BadField {
+    pub key: &'static str,
+    pub expected: String,
+    pub got: String,
+}
+
+fn field<'f>(fields: &'f BTreeMap<String, String>, key: &'static str) -> Result<&'f str, BadField> {
+    fields.get(key).map(String::as_str).ok_or_else(|| BadField {
+        key,
+        expected: format!("the metadata field \"{key}\""),
+        got: "none".to_owned(),
+    })
+}
+
+/// The run that the record `rec_bench.run` describes.
+pub(crate) fn run_of(fields: &BTreeMap<String, String>) -> Result<RunMetadata, BadField> {
+    let format = field(fields, "format")?;
+    if format != FORMAT {
+        return Err(BadField { key: "format", expected: FORMAT.to_owned(), got: format!("{format:?}") });
+    }
+    let bad = |key: &'static str| {
+        move |word: UnknownWord| BadField { key, expected: word.allowed, got: format!("{:?}", word.got) }
+    };
+    Ok(RunMetadata {
+        name: field(fields, "name")?.to_owned(),
+        protocol: field(fields, "protocol")?.parse().map_err(bad("protocol"))?,
+        role: field(fields, "role")?.parse().map_err(bad("role"))?,
+        plane: field(fields, "plane")?.parse().map_err(bad("plane"))?,
+        profile: field(fields, "profile")?.to_owned(),
+        notes: fields
+            .iter()
+            .filter_map(|(key, text)| Some((key.strip_prefix(NOTE)?.to_owned(), text.clone())))
+            .collect(),
+    })
+}
+
+/// The fields of the record `rec_bench.loss`; gaps as `FIRST+COUNT`, separated by blanks.
+pub(crate) fn loss_fields(certificate: &LossCertificate) -> BTreeMap<String, String> {
+    let gaps: Vec<_> = certificate.gaps.iter().map(|gap| format!("{}+{}", gap.first_tick, gap.ticks)).collect();
+    BTreeMap::from([
+        ("published".to_owned(), certificate.published.to_string()),
+        ("recorded".to_owned(), certificate.recorded.to_string()),
+        ("gaps".to_owned(), gaps.join(" ")),
+    ])
+}
+
+/// The certificate that the record `rec_bench.loss` holds.
+pub(crate) fn loss_of(fields: &BTreeMap<String, String>) -> Result<LossCertificate, BadField> {
+    let number = |key: &'static str| {
+        let text = field(fields, key)?;
+        let bad = |_| BadField { key, expected: "a whole number".to_owned(), got: format!("{text:?}") };
+        text.parse().map_err(bad)
+    };
+    let gap = |text: &str| {
+        let parsed = text
+            .split_once('+')
+            .and_then(|(first, ticks)| Some(Gap { first_tick: first.parse().ok()?, ticks: ticks.parse().ok()? }));
+        parsed.ok_or_else(|| BadField {
+            key: "gaps",
+            expected: "gaps as FIRST+COUNT".to_owned(),
+            got: format!("{text:?}"),
+        })
+    };
+    let gaps = field(fields, "gaps")?.split_ascii_whitespace().map(gap).collect::<Result<_, _>>()?;
+    Ok(LossCertificate { published: number("published")?, recorded: number("recorded")?, gaps })
+}

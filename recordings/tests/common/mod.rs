@@ -1,0 +1,100 @@
+//! Made-up runs for the tests. No physics: what is tested is that bytes and samples agree.
+#![allow(dead_code)] // each test binary uses its part
+
+use std::collections::BTreeMap;
+
+use recordings::{McapWriter, Plane, Protocol, Recording, Role, RunMetadata};
+use rt_core::{SAMPLE_VERSION, Sample, Tick, flags};
+
+/// A header and rows of the contract, all values present.
+pub fn csv_text(rows: usize) -> String {
+    let mut text = String::from(
+        "time_s,voltage_v,angle_deg,pressure1_bar,pressure2_bar,torque_nm,volume_ml,brake_open,bypass_open,segment\n",
+    );
+    for row in 0..rows {
+        let time = row as f64 * 0.001;
+        text += &format!("{time:.3},12.5,-3.25,2.5,2.75,1.5,0.25,1,0,{}\n", row / 4);
+    }
+    text
+}
+
+/// `csv_text` with one field (line from 1, column from 0) replaced.
+pub fn csv_with(rows: usize, line: usize, column: usize, field: &str) -> String {
+    let text = csv_text(rows);
+    let mut lines: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
+    lines[line - 1][column] = field;
+    lines.iter().map(|fields| fields.join(",") + "\n").collect()
+}
+
+/// A tick of a made-up run: values that change every tick, with gaps in torque and volume.
+pub fn sample(tick: u64) -> Sample {
+    let now = Tick::at(tick);
+    let wave = (tick as f64 * 0.013).sin();
+    let noise = ((tick * 2_654_435_761) % 10_007) as f64 / 10_007.0 - 0.5;
+    Sample {
+        version: SAMPLE_VERSION,
+        run: 3,
+        tick,
+        scheduled_ns: now.scheduled_ns,
+        lateness_ns: tick % 7,
+        input_age_ns: 0,
+        voltage_v: 21.6 * wave.signum(),
+        angle_deg: 30.0 * wave + 0.01 * noise,
+        pressure1_bar: 2.7 + wave + 0.005 * noise,
+        pressure2_bar: 2.7 - wave - 0.005 * noise,
+        torque_nm: if tick.is_multiple_of(3) { 5.0 * wave } else { f64::NAN },
+        volume_ml: if tick.is_multiple_of(250) { 0.5 * tick as f64 } else { f64::NAN },
+        segment: (tick / 500) as u32,
+        flags: if wave > 0.0 { flags::BRAKE_OPEN } else { flags::BYPASS_OPEN },
+    }
+}
+
+/// What the made-up run says about itself.
+pub fn metadata() -> RunMetadata {
+    RunMetadata {
+        name: "square \"h\"".to_owned(),
+        protocol: Protocol::SquareWave,
+        role: Role::Validate,
+        plane: Plane::Vertical,
+        profile: "[profile]\nname = \"square\"\n".to_owned(),
+        notes: BTreeMap::from([("rig".to_owned(), "emulated".to_owned())]),
+    }
+}
+
+/// Writes `samples` to `path` and closes the recording; `published` samples are said to have been sent.
+pub fn write_mcap(path: &std::path::Path, samples: &[Sample], published: u64) {
+    let mut writer = McapWriter::create(path, &metadata()).unwrap();
+    for sample in samples {
+        writer.write(sample).unwrap();
+    }
+    let certificate = writer.certificate(published);
+    writer.finish(&certificate).unwrap();
+}
+
+/// The columns as bits, so that NaN equals NaN and 0.0 does not equal -0.0.
+pub fn bits(recording: &Recording) -> Vec<Vec<u64>> {
+    let columns = [
+        &recording.time_s,
+        &recording.voltage_v,
+        &recording.angle_deg,
+        &recording.pressure1_bar,
+        &recording.pressure2_bar,
+        &recording.torque_nm,
+        &recording.volume_ml,
+    ];
+    let canonical = |value: &f64| if value.is_nan() { u64::MAX } else { value.to_bits() };
+    let mut bits: Vec<Vec<u64>> = columns.iter().map(|column| column.iter().map(canonical).collect()).collect();
+    bits.push(recording.brake_open.iter().map(|&open| u64::from(open)).collect());
+    bits.push(recording.bypass_open.iter().map(|&open| u64::from(open)).collect());
+    bits.push(recording.segment.iter().map(|&segment| segment.cast_unsigned()).collect());
+    bits
+}
+
+/// The message of an error, which must hold each of these.
+pub fn assert_says<T: std::fmt::Debug>(result: Result<T, recordings::CampaignError>, parts: &[&str]) -> String {
+    let message = result.expect_err("this input is bad").to_string();
+    for part in parts {
+        assert!(message.contains(part), "{part:?} is not in: {message}");
+    }
+    message
+}
