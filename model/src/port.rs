@@ -45,6 +45,10 @@ pub struct LinePort<S> {
     pub flow_ml_s: S,
     /// Size of the flow's slope over the pressure difference, ml/(s bar), positive.
     pub slip_ml_s_bar: S,
+    /// Part of the flow that the voltage drives, ml/s: what eq. (10) has beyond f3*dp, 0 in the dead zone.
+    pub drive_ml_s: S,
+    /// Opening of the brake valve, 0 closed to 1 open.
+    pub opening: S,
     /// Oil can pass.
     pub open: bool,
 }

@@ -7,8 +7,7 @@
 use crate::effects::EffectSet;
 use crate::parameters::index::*;
 use crate::port::{
-    AMBIENT_BAR, ActuatorPort, HydraulicPort, LinePort, MechanicalPort, Port, PortKind, Rest,
-    SensorPort,
+    AMBIENT_BAR, ActuatorPort, HydraulicPort, LinePort, MechanicalPort, Port, PortKind, Rest, SensorPort,
 };
 use crate::scalar::Scalar;
 
@@ -97,16 +96,9 @@ pub fn torque<S: Scalar>(k: &[S], angle_rad: S, dp_bar: S) -> S {
 /// Capacities of both chambers, eq. (13), ml/bar; the second is the first mirrored.
 pub fn capacity<S: Scalar>(k: &[S], angle_rad: S, pressure_bar: [S; 2]) -> [S; 2] {
     let bend = (k[A1] * (angle_rad * DEGREES)).exp();
-    let scale = if k[A2].value() == 0.0 {
-        S::constant(1.0) - k[A2]
-    } else {
-        (-k[A2]).exp()
-    };
+    let scale = if k[A2].value() == 0.0 { S::constant(1.0) - k[A2] } else { (-k[A2]).exp() };
     let of = |p: S| k[H1] * p.powf(k[H2]) + k[H3];
-    [
-        scale / bend * of(pressure_bar[0]),
-        scale * bend * of(pressure_bar[1]),
-    ]
+    [scale / bend * of(pressure_bar[0]), scale * bend * of(pressure_bar[1])]
 }
 
 /// Displacements of both chambers, eq. (14), ml/rad.
@@ -120,14 +112,7 @@ pub fn pump_flow<S: Scalar>(k: &[S], voltage_v: S, dp_bar: S) -> (S, bool) {
     let slip = k[F3] * dp_bar;
     let drive = k[F1] * voltage_v.abs() + k[F4] + k[F2] * voltage_v * dp_bar;
     if drive.value() > 0.0 && voltage_v.value() != 0.0 {
-        (
-            if voltage_v.value() > 0.0 {
-                slip + drive
-            } else {
-                slip - drive
-            },
-            true,
-        )
+        (if voltage_v.value() > 0.0 { slip + drive } else { slip - drive }, true)
     } else {
         (slip, false)
     }
@@ -157,17 +142,11 @@ pub fn stored_slope<S: Scalar>(k: &[S], angle_rad: S, pressure_bar: [S; 2]) -> [
     let stored = |p: S| {
         let log = (p / STORED_FROM_BAR).ln();
         // (p^n - q^n)/n, continuous at n = 0
-        let power = if n.value().abs() < 1e-6 {
-            log
-        } else {
-            ((n * log).exp() - 1.0) / n * (n * STORED_FROM_BAR.ln()).exp()
-        };
+        let power =
+            if n.value().abs() < 1e-6 { log } else { ((n * log).exp() - 1.0) / n * (n * STORED_FROM_BAR.ln()).exp() };
         k[H1] * power + k[H3] * (p - STORED_FROM_BAR)
     };
-    [
-        -(rate * scale / bend) * stored(pressure_bar[0]),
-        rate * scale * bend * stored(pressure_bar[1]),
-    ]
+    [-(rate * scale / bend) * stored(pressure_bar[0]), rate * scale * bend * stored(pressure_bar[1])]
 }
 
 const DEGREES: f64 = 180.0 / std::f64::consts::PI;
@@ -194,10 +173,7 @@ pub fn derivative<S: Scalar>(
         Lever::Free => x[VELOCITY],
         Lever::Led { velocity_rad_s } => S::constant(velocity_rad_s),
     };
-    let shut_off = matches!(
-        input.circuit,
-        Circuit::ShutOff { .. } | Circuit::Measured { .. }
-    );
+    let shut_off = matches!(input.circuit, Circuit::ShutOff { .. } | Circuit::Measured { .. });
     let mut branches = u32::from(dp.value() > 0.0);
 
     // flow through pump and valves, from chamber 2 to chamber 1
@@ -221,11 +197,8 @@ pub fn derivative<S: Scalar>(
         }
         if effects.touches(PortKind::Line) {
             // slope of the flow over the pressure difference
-            let mut slip = if delivering {
-                k[F3] + k[F2] * actuator.voltage_v.abs()
-            } else {
-                k[F3]
-            } * actuator.brake_opening;
+            let mut slip =
+                if delivering { k[F3] + k[F2] * actuator.voltage_v.abs() } else { k[F3] } * actuator.brake_opening;
             if bypass {
                 slip -= k[K_B];
             }
@@ -235,6 +208,8 @@ pub fn derivative<S: Scalar>(
                 dp_bar: dp,
                 flow_ml_s: flow,
                 slip_ml_s_bar: slip.abs().at_least(0.02),
+                drive_ml_s: (delivered - k[F3] * dp) * actuator.brake_opening,
+                opening: actuator.brake_opening,
                 open: actuator.brake_opening.value() > 0.0 || bypass,
             };
             effects.act(x, dx, Port::Line(&mut line));
@@ -273,18 +248,12 @@ pub fn derivative<S: Scalar>(
                 dx[VOLUME] = S::constant(release_ml_s);
             }
             dx[PRESSURE1] = (flow1 - h.displacement_ml_rad[0] * velocity) / h.capacity_ml_bar[0];
-            dx[PRESSURE2] =
-                (h.flow_ml_s[1] - h.displacement_ml_rad[1] * velocity) / h.capacity_ml_bar[1];
+            dx[PRESSURE2] = (h.flow_ml_s[1] - h.displacement_ml_rad[1] * velocity) / h.capacity_ml_bar[1];
         }
-        Circuit::Measured {
-            rate1_bar_s,
-            rate2_bar_s,
-        } => {
+        Circuit::Measured { rate1_bar_s, rate2_bar_s } => {
             dx[PRESSURE1] = S::constant(rate1_bar_s);
             dx[PRESSURE2] = S::constant(rate2_bar_s);
-            dx[VOLUME] = h.flow_ml_s[0]
-                - h.capacity_ml_bar[0] * rate1_bar_s
-                - h.displacement_ml_rad[0] * velocity;
+            dx[VOLUME] = h.flow_ml_s[0] - h.capacity_ml_bar[0] * rate1_bar_s - h.displacement_ml_rad[0] * velocity;
         }
         Circuit::Bench => {
             dx[PRESSURE1] = S::zero();
@@ -327,11 +296,7 @@ pub fn derivative<S: Scalar>(
         let mut shown = sensor_port(t, x);
         effects.act(x, dx, Port::Sensor(&mut shown));
     }
-    Derived {
-        torque_nm,
-        flow_ml_s: flow,
-        branches,
-    }
+    Derived { torque_nm, flow_ml_s: flow, branches }
 }
 
 fn sensor_port<S: Scalar>(t: f64, x: &[S]) -> SensorPort<S> {

@@ -6,19 +6,50 @@
 use crate::port::{Port, PortKind, Rest};
 use crate::scalar::{Scalar, Tangent};
 
+mod angle_offset;
+mod brake_valve_lag;
+mod chamber_asymmetry;
 mod cross_leakage;
+mod displacement_pressure;
+mod elastic_hysteresis;
+mod end_stop;
+mod external_leakage;
+mod lag;
+mod line_inertance;
 mod pressure_drift;
 mod pressure_friction;
+mod pressure_lag;
+mod pump_asymmetry;
 mod pump_lag;
+mod pump_warming;
+mod stribeck_friction;
 mod tilt;
+mod torque_cubic;
+mod trapped_air;
+mod wall_creep;
 
 /// Every effect of the library.
 pub static LIBRARY: &[&dyn Effect] = &[
     &tilt::Tilt,
     &pressure_friction::PressureFriction,
+    &torque_cubic::TorqueCubic,
+    &stribeck_friction::StribeckFriction,
+    &elastic_hysteresis::ElasticHysteresis,
+    &end_stop::EndStop,
     &cross_leakage::CrossLeakage,
+    &external_leakage::ExternalLeakage,
+    &chamber_asymmetry::ChamberAsymmetry,
+    &wall_creep::WallCreep,
+    &trapped_air::TrappedAir,
+    &displacement_pressure::DisplacementPressure,
     &pump_lag::PumpLag,
+    &pump_asymmetry::PumpAsymmetry,
+    &pump_warming::PumpWarming,
+    &line_inertance::LineInertance,
+    &brake_valve_lag::BrakeValveLag,
+    &pressure_lag::PressureLag,
     &pressure_drift::PressureDrift,
+    &angle_offset::AngleOffset,
 ];
 
 /// The effect with this id.
@@ -41,12 +72,7 @@ pub enum Balance {
 
 impl Balance {
     /// All, in the order of reports.
-    pub const ALL: [Balance; 4] = [
-        Balance::Torque,
-        Balance::Flow,
-        Balance::Pump,
-        Balance::Sensor,
-    ];
+    pub const ALL: [Balance; 4] = [Balance::Torque, Balance::Flow, Balance::Pump, Balance::Sensor];
     /// Name in files.
     pub fn as_str(self) -> &'static str {
         match self {
@@ -123,13 +149,7 @@ pub trait Effect: Sync {
     /// [`Law::act`] for values.
     fn act_value(&self, k: &[f64], x: &[f64], dx: &mut [f64], port: &mut Port<'_, f64>);
     /// [`Law::act`] with derivatives.
-    fn act_tangent(
-        &self,
-        k: &[Tangent],
-        x: &[Tangent],
-        dx: &mut [Tangent],
-        port: &mut Port<'_, Tangent>,
-    );
+    fn act_tangent(&self, k: &[Tangent], x: &[Tangent], dx: &mut [Tangent], port: &mut Port<'_, Tangent>);
     /// [`Law::rest`] for values.
     fn rest_value(&self, k: &[f64], rest: &Rest<f64>, x: &mut [f64]);
     /// [`Law::rest`] with derivatives.
@@ -143,13 +163,7 @@ impl<L: Law> Effect for L {
     fn act_value(&self, k: &[f64], x: &[f64], dx: &mut [f64], port: &mut Port<'_, f64>) {
         self.act(k, x, dx, port);
     }
-    fn act_tangent(
-        &self,
-        k: &[Tangent],
-        x: &[Tangent],
-        dx: &mut [Tangent],
-        port: &mut Port<'_, Tangent>,
-    ) {
+    fn act_tangent(&self, k: &[Tangent], x: &[Tangent], dx: &mut [Tangent], port: &mut Port<'_, Tangent>) {
         self.act(k, x, dx, port);
     }
     fn rest_value(&self, k: &[f64], rest: &Rest<f64>, x: &mut [f64]) {
@@ -188,35 +202,16 @@ pub struct EffectSet<S> {
 impl<S: Scalar> EffectSet<S> {
     /// No effect: the reference model.
     pub fn none() -> Self {
-        EffectSet {
-            items: Vec::new(),
-            states: 0,
-            ports: 0,
-            sensor_states: false,
-        }
+        EffectSet { items: Vec::new(), states: 0, ports: 0, sensor_states: false }
     }
 
     /// These effects, each with parameters in its header's order. `plant_states`: number of the plant's own states.
-    pub fn new(
-        plant_states: usize,
-        effects: impl IntoIterator<Item = (&'static dyn Effect, Vec<S>)>,
-    ) -> Self {
+    pub fn new(plant_states: usize, effects: impl IntoIterator<Item = (&'static dyn Effect, Vec<S>)>) -> Self {
         let mut set = Self::none();
         for (effect, k) in effects {
             let header = effect.header();
-            assert_eq!(
-                k.len(),
-                header.parameters.len(),
-                "{} takes {} parameters",
-                header.id,
-                header.parameters.len()
-            );
-            set.items.push(Active {
-                effect,
-                header,
-                k,
-                first: plant_states + set.states,
-            });
+            assert_eq!(k.len(), header.parameters.len(), "{} takes {} parameters", header.id, header.parameters.len());
+            set.items.push(Active { effect, header, k, first: plant_states + set.states });
             set.states += header.states;
             for port in header.ports {
                 set.ports |= 1 << *port as u8;

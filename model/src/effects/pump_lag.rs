@@ -1,5 +1,6 @@
 //! The pump's own dynamics, eq. (9) of the paper, which its final model neglects.
 
+use super::lag::first_order;
 use super::{Balance, Header, Law, Parameter};
 use crate::port::{Port, PortKind, Rest};
 use crate::scalar::Scalar;
@@ -17,14 +18,7 @@ impl Law for PumpLag {
         validity: "motor inertia against an amplifier without speed control; tau of 5..50 ms",
         measure: "step the voltage with the lever clamped and watch the rise of the pressure difference",
         literature: "paper, eq. (9)",
-        parameters: &[Parameter {
-            name: "tau",
-            unit: "s",
-            lower: 0.0,
-            upper: 0.5,
-            typical: 0.005,
-            size: true,
-        }],
+        parameters: &[Parameter { name: "tau", unit: "s", lower: 0.0, upper: 0.5, typical: 0.005, size: true }],
         states: 1,
         starts: &[&[0.004], &[0.02], &[0.08]],
         passive: false,
@@ -32,16 +26,7 @@ impl Law for PumpLag {
 
     fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Actuator(a) = port {
-            // below half a millisecond the lag cannot be told from none, and the state would be stiff
-            let tau = k[0];
-            if tau.value() > SHORTEST_S {
-                dx[0] = (a.voltage_v - x[0]) / tau;
-                a.voltage_v = x[0];
-            } else {
-                // to first order in tau: u_p follows within SHORTEST_S and reaches back by tau/SHORTEST_S
-                dx[0] = (a.voltage_v - x[0]) / SHORTEST_S;
-                a.voltage_v = a.voltage_v + (x[0] - a.voltage_v) * (tau / SHORTEST_S);
-            }
+            (dx[0], a.voltage_v) = first_order(k[0], a.voltage_v, x[0]);
         }
     }
 
@@ -49,6 +34,3 @@ impl Law for PumpLag {
         x[0] = S::constant(rest.voltage_v);
     }
 }
-
-/// Time constants below this are blended linearly into no lag at all, s.
-const SHORTEST_S: f64 = 1e-3;

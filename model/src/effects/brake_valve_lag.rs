@@ -1,0 +1,41 @@
+//! A brake valve that takes its time.
+
+use super::lag::first_order;
+use super::{Balance, Header, Law, Parameter};
+use crate::port::{Port, PortKind, Rest};
+use crate::scalar::Scalar;
+
+/// See [`Law::HEADER`].
+pub struct BrakeValveLag;
+
+impl Law for BrakeValveLag {
+    const HEADER: Header = Header {
+        id: "brake_valve_lag",
+        balance: Balance::Pump,
+        ports: &[PortKind::Actuator],
+        summary: "the brake valve opens or closes late",
+        equation: "tau*y' = command - y with tau = tau_open or tau_close by the direction; Q_p goes through the opening y",
+        validity: "first-order stand-in for coil delay and travel of the armature; flow proportional to the opening",
+        measure: "switch the brake under constant voltage with the lever clamped and watch the pressures",
+        literature: "Merritt, Hydraulic Control Systems, 1967, ch. 5 (valve dynamics)",
+        parameters: &[
+            Parameter { name: "tau_open", unit: "s", lower: 0.0, upper: 1.0, typical: 0.01, size: true },
+            Parameter { name: "tau_close", unit: "s", lower: 0.0, upper: 1.0, typical: 0.01, size: true },
+        ],
+        states: 1,
+        starts: &[&[0.01, 0.01], &[0.02, 0.0], &[0.0, 0.02], &[0.1, 0.1]],
+        passive: false,
+    };
+
+    fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Actuator(a) = port {
+            let opens = a.brake_opening.value() > x[0].value();
+            let tau = if opens { k[0] } else { k[1] };
+            (dx[0], a.brake_opening) = first_order(tau, a.brake_opening, x[0]);
+        }
+    }
+
+    fn rest<S: Scalar>(&self, _k: &[S], rest: &Rest<S>, x: &mut [S]) {
+        x[0] = S::constant(f64::from(u8::from(rest.brake_open)));
+    }
+}

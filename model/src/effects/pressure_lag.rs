@@ -1,0 +1,41 @@
+//! Pressure sensors that are slow.
+
+use super::lag::first_order;
+use super::{Balance, Header, Law, Parameter};
+use crate::port::{Port, PortKind, Rest};
+use crate::scalar::Scalar;
+
+/// See [`Law::HEADER`].
+pub struct PressureLag;
+
+impl Law for PressureLag {
+    const HEADER: Header = Header {
+        id: "pressure_lag",
+        balance: Balance::Sensor,
+        ports: &[PortKind::Sensor],
+        summary: "a pressure sensor is slow",
+        equation: "tau_i*y_i' = p_i - y_i; sensor i = 1, 2 shows y_i",
+        validity: "first order: filter of the amplifier, or oil in a thin connecting bore",
+        measure: "open the bypass under load and compare both sensors' decays with a fast one",
+        literature: "Doebelin, Measurement Systems, 2003, ch. 3 and 6",
+        parameters: &[
+            Parameter { name: "tau1", unit: "s", lower: 0.0, upper: 2.0, typical: 0.01, size: true },
+            Parameter { name: "tau2", unit: "s", lower: 0.0, upper: 2.0, typical: 0.01, size: true },
+        ],
+        states: 2,
+        starts: &[&[0.005, 0.0], &[0.0, 0.005], &[0.005, 0.005], &[0.05, 0.0], &[0.0, 0.05], &[0.2, 0.2]],
+        passive: false,
+    };
+
+    fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Sensor(s) = port {
+            for i in 0..2 {
+                (dx[i], s.pressure_bar[i]) = first_order(k[i], s.pressure_bar[i], x[i]);
+            }
+        }
+    }
+
+    fn rest<S: Scalar>(&self, _k: &[S], rest: &Rest<S>, x: &mut [S]) {
+        x.copy_from_slice(&rest.pressure_bar);
+    }
+}

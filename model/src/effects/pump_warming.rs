@@ -1,0 +1,35 @@
+//! A pump that slips more as its oil warms.
+
+use super::{Balance, Header, Law, Parameter};
+use crate::port::{Port, PortKind};
+use crate::scalar::Scalar;
+
+/// See [`Law::HEADER`].
+pub struct PumpWarming;
+
+impl Law for PumpWarming {
+    const HEADER: Header = Header {
+        id: "pump_warming",
+        balance: Balance::Pump,
+        ports: &[PortKind::Line],
+        summary: "the pump's slip grows as the oil warms with running time",
+        equation: "Q -= k*(1 - exp(-t/tau))*dp*opening of the brake valve",
+        validity: "t since the run's start; one time constant whatever the load",
+        measure: "pump map at one voltage and load, again and again over some minutes",
+        literature: "Merritt, Hydraulic Control Systems, 1967, ch. 4 (slip flow goes as dp/viscosity)",
+        parameters: &[
+            Parameter { name: "k", unit: "ml/(s bar)", lower: 0.0, upper: 5.0, typical: 0.05, size: true },
+            Parameter { name: "tau", unit: "s", lower: 5.0, upper: 600.0, typical: 60.0, size: false },
+        ],
+        states: 0,
+        starts: &[&[0.01, 15.0], &[0.01, 60.0], &[0.03, 250.0], &[0.3, 30.0], &[0.5, 120.0]],
+        passive: true,
+    };
+
+    fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Line(l) = port {
+            let warmed = -(S::constant(-l.time_s) / k[1]).exp() + 1.0;
+            l.flow_ml_s -= k[0] * warmed * l.dp_bar * l.opening;
+        }
+    }
+}

@@ -1,0 +1,37 @@
+//! Friction that is highest just above rest and falls with velocity, on top of eq. (16).
+
+use super::{Balance, Header, Law, Parameter};
+use crate::port::{Port, PortKind};
+use crate::scalar::Scalar;
+
+/// See [`Law::HEADER`].
+pub struct StribeckFriction;
+
+impl Law for StribeckFriction {
+    const HEADER: Header = Header {
+        id: "stribeck_friction",
+        balance: Balance::Torque,
+        ports: &[PortKind::Mechanical],
+        summary: "friction has a peak near zero velocity",
+        equation: "M -= k*exp(-(w/w_v)^2)*tanh(w/w_s)",
+        validity: "mixed lubrication; the static level is smoothed over w_s, so the lever creeps where it would stick",
+        measure: "strokes at the lowest constant flows, where the torque falls with velocity",
+        literature: "Armstrong-Helouvry, Dupont, Canudas de Wit, A survey of models for the control of machines with friction, Automatica 30 (1994)",
+        parameters: &[
+            Parameter { name: "k", unit: "Nm", lower: 0.0, upper: 10.0, typical: 0.2, size: true },
+            Parameter { name: "w_v", unit: "rad/s", lower: 0.01, upper: 3.0, typical: 0.1, size: false },
+            Parameter { name: "w_s", unit: "rad/s", lower: 0.002, upper: 0.2, typical: 0.02, size: false },
+        ],
+        states: 0,
+        starts: &[&[0.1, 0.05, 0.02], &[0.1, 0.2, 0.02], &[0.1, 0.8, 0.02], &[1.5, 0.1, 0.02], &[1.5, 0.5, 0.02]],
+        passive: true,
+    };
+
+    fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Mechanical(m) = port {
+            let w = m.velocity_rad_s;
+            let fall = w / k[1];
+            m.torque_nm -= k[0] * (-(fall * fall)).exp() * (w / k[2]).tanh();
+        }
+    }
+}
