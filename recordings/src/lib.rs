@@ -20,5 +20,5 @@ pub use error::{CampaignError, Mismatch, Place, Spot};
 pub use mcap_reader::{Item, McapReader};
 pub use mcap_writer::McapWriter;
 pub use recording::Recording;
-pub use run_metadata::{Event, Gap, LossCertificate, RunMetadata, Severity};
+pub use run_metadata::{Event, RunMetadata, Severity};
 pub use vocabulary::{Plane, Protocol, Role, UnknownWord};

@@ -8,11 +8,11 @@ use std::path::{Path, PathBuf};
 use mcap::records::{Metadata, Record};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::{McapError, parse_record};
-use rt_core::Sample;
+use rt_core::{LossCertificate, Sample};
 
 use crate::error::Place;
 use crate::mcap_writer::unfit_value;
-use crate::run_metadata::{Event, LossCertificate, RunMetadata};
+use crate::run_metadata::{Event, RunMetadata};
 use crate::wire::{self, BadField};
 use crate::{CampaignError, Plane, Protocol, Recording};
 
@@ -159,7 +159,7 @@ impl McapReader {
             let got = format!("{} samples without one: the recording was not closed", self.samples);
             return Err(CampaignError::content(at, expected, got, REMEDY));
         };
-        if certificate.recorded != self.samples || !certificate.is_consistent() {
+        if certificate.received != self.samples {
             let expected = format!("as many samples as its certificate says ({certificate})");
             return Err(CampaignError::content(at, expected, self.samples.to_string(), REMEDY));
         }
@@ -212,10 +212,10 @@ pub(crate) fn read_recording(
         }
     }
     if let Some(certificate) = reader.certificate()
-        && !certificate.is_complete()
+        && !certificate.is_lossless()
     {
         let at = match certificate.gaps.first() {
-            Some(gap) => Place::file(path).tick(gap.first_tick),
+            Some((first, _)) => Place::file(path).tick(*first),
             None => Place::file(path),
         };
         let remedy = "the command in a gap is unknown, so the run can't be simulated: record it again";

@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 use mcap::{Compression, McapError, WriteOptions, Writer};
-use rt_core::{SAMPLE_VERSION, Sample};
+use rt_core::{LossCertificate, SAMPLE_VERSION, Sample};
 
 use crate::CampaignError;
 use crate::error::Place;
 use crate::part_file::{Existing, PartFile, part_path};
-use crate::run_metadata::{Event, Gap, LossCertificate, RunMetadata};
+use crate::run_metadata::{Event, RunMetadata};
 use crate::wire;
 
 /// Unpacked size at which a chunk is closed: small enough that packing one stalls the logger for some 2 ms only, large
@@ -30,7 +30,7 @@ pub struct McapWriter {
     message: Vec<u8>,
     last: Option<Sample>,
     recorded: u64,
-    gaps: Vec<Gap>,
+    gaps: Vec<(u64, u64)>,
 }
 
 impl McapWriter {
@@ -84,7 +84,7 @@ impl McapWriter {
         self.check(sample)?;
         let expected = self.last.map_or(0, |last| last.tick + 1);
         if sample.tick > expected {
-            self.gaps.push(Gap { first_tick: expected, ticks: sample.tick - expected });
+            self.gaps.push((expected, sample.tick - 1));
         }
         let mut message = std::mem::take(&mut self.message);
         wire::encode_sample(sample, &mut message);
@@ -101,26 +101,34 @@ impl McapWriter {
         self.append(self.event_channel, event.tick, event.scheduled_ns, &wire::encode_event(event))
     }
 
-    /// What this recording can certify if the loop published this many samples in the run (ticks 0 to `published` - 1).
-    pub fn certificate(&self, published: u64) -> LossCertificate {
+    /// What this recording can certify of a run that has `expected` samples (ticks 0 to `expected` - 1).
+    pub fn certificate(&self, expected: u64) -> LossCertificate {
+        let (run, seen) = self.last.map_or((0, 0), |last| (last.run, last.tick + 1));
         let mut gaps = self.gaps.clone();
-        let seen = self.last.map_or(0, |last| last.tick + 1);
-        if published > seen {
-            gaps.push(Gap { first_tick: seen, ticks: published - seen });
+        if expected > seen {
+            gaps.push((seen, expected - 1));
         }
-        LossCertificate { published, recorded: self.recorded, gaps }
+        LossCertificate { run, expected, received: self.recorded, gaps, end_seen: true }
     }
 
-    /// Writes the certificate, closes the file, waits until it is on the disk and gives it its name.
+    /// Writes the certificate, closes the file, waits until it is on the disk and gives it its name. A run with losses
+    /// is closed like any other; its certificate says so.
     ///
     /// # Errors
     /// The certificate contradicts what was written (nothing false is signed), or the system refuses; the file then
     /// keeps its `.part`.
     pub fn finish(mut self, certificate: &LossCertificate) -> Result<PathBuf, CampaignError> {
-        if *certificate != self.certificate(certificate.published) || !certificate.is_consistent() {
-            let expected = format!("a certificate that agrees with what was written ({} samples)", self.recorded);
-            let remedy = "count the published samples again";
-            return Err(CampaignError::content(self.place(), expected, certificate.to_string(), remedy));
+        let own = self.certificate(certificate.expected);
+        let same_run = self.last.is_none() || own.run == certificate.run;
+        let seen = self.last.map_or(0, |last| last.tick + 1);
+        if !same_run
+            || certificate.expected < seen
+            || own.received != certificate.received
+            || own.gaps != certificate.gaps
+        {
+            let expected = format!("a certificate that agrees with what was written (run {}: {own})", own.run);
+            let got = format!("run {}: {certificate}", certificate.run);
+            return Err(CampaignError::content(self.place(), expected, got, "write every sample that is counted"));
         }
         let failed = |error| write_error(&self.target, error);
         self.writer.write_metadata(&record(wire::LOSS_RECORD, wire::loss_fields(certificate))).map_err(failed)?;

@@ -2,11 +2,12 @@
 //! Normative text: `FORMAT.md`.
 
 use std::collections::BTreeMap;
+use std::str::FromStr;
 
 use prost::Message;
-use rt_core::{SAMPLE_VERSION, Sample, flags};
+use rt_core::{LossCertificate, SAMPLE_VERSION, Sample, flags};
 
-use crate::run_metadata::{Event, Gap, LossCertificate, RunMetadata, Severity};
+use crate::run_metadata::{Event, RunMetadata, Severity};
 use crate::vocabulary::UnknownWord;
 
 mod proto {
@@ -32,7 +33,7 @@ pub(crate) const FORMAT: &str = "1";
 const NOTE: &str = "note.";
 
 /// The flag bits that have a field of their own in the message.
-const FLAG_FIELDS: u32 = flags::BRAKE_OPEN | flags::BYPASS_OPEN | flags::TRIPPED | flags::LAST;
+const FLAG_FIELDS: u32 = flags::BRAKE_OPEN | flags::BYPASS_OPEN | flags::TRIPPED | flags::LAST | flags::FAULT;
 
 /// Replaces `bytes` by the message of this sample.
 pub(crate) fn encode_sample(sample: &Sample, bytes: &mut Vec<u8>) {
@@ -52,8 +53,9 @@ pub(crate) fn encode_sample(sample: &Sample, bytes: &mut Vec<u8>) {
         volume_ml: Some(plain(sample.volume_ml)),
         brake_open: sample.brake_open(),
         bypass_open: sample.bypass_open(),
-        tripped: sample.flags & flags::TRIPPED != 0,
+        tripped: sample.tripped(),
         last: sample.last(),
+        fault: sample.fault(),
         other_flags: sample.flags & !FLAG_FIELDS,
     };
     bytes.clear();
@@ -90,7 +92,8 @@ pub(crate) fn decode_sample(bytes: &[u8]) -> Result<Sample, String> {
             | bit(message.brake_open, flags::BRAKE_OPEN)
             | bit(message.bypass_open, flags::BYPASS_OPEN)
             | bit(message.tripped, flags::TRIPPED)
-            | bit(message.last, flags::LAST),
+            | bit(message.last, flags::LAST)
+            | bit(message.fault, flags::FAULT),
     })
 }
 
@@ -177,33 +180,37 @@ pub(crate) fn run_of(fields: &BTreeMap<String, String>) -> Result<RunMetadata, B
     })
 }
 
-/// The fields of the record `rec_bench.loss`; gaps as `FIRST+COUNT`, separated by blanks.
+/// The fields of the record `rec_bench.loss`; gaps as `FIRST-LAST`, separated by blanks.
 pub(crate) fn loss_fields(certificate: &LossCertificate) -> BTreeMap<String, String> {
-    let gaps: Vec<_> = certificate.gaps.iter().map(|gap| format!("{}+{}", gap.first_tick, gap.ticks)).collect();
+    let gaps: Vec<_> = certificate.gaps.iter().map(|(first, last)| format!("{first}-{last}")).collect();
     BTreeMap::from([
-        ("published".to_owned(), certificate.published.to_string()),
-        ("recorded".to_owned(), certificate.recorded.to_string()),
+        ("run".to_owned(), certificate.run.to_string()),
+        ("expected".to_owned(), certificate.expected.to_string()),
+        ("received".to_owned(), certificate.received.to_string()),
         ("gaps".to_owned(), gaps.join(" ")),
+        ("end_seen".to_owned(), certificate.end_seen.to_string()),
     ])
 }
 
 /// The certificate that the record `rec_bench.loss` holds.
 pub(crate) fn loss_of(fields: &BTreeMap<String, String>) -> Result<LossCertificate, BadField> {
-    let number = |key: &'static str| {
+    fn parsed<T: FromStr>(fields: &BTreeMap<String, String>, key: &'static str, what: &str) -> Result<T, BadField> {
         let text = field(fields, key)?;
-        let bad = |_| BadField { key, expected: "a whole number".to_owned(), got: format!("{text:?}") };
-        text.parse().map_err(bad)
-    };
+        text.parse().map_err(|_| BadField { key, expected: what.to_owned(), got: format!("{text:?}") })
+    }
     let gap = |text: &str| {
-        let parsed = text
-            .split_once('+')
-            .and_then(|(first, ticks)| Some(Gap { first_tick: first.parse().ok()?, ticks: ticks.parse().ok()? }));
-        parsed.ok_or_else(|| BadField {
+        let ends = text.split_once('-').and_then(|(first, last)| Some((first.parse().ok()?, last.parse().ok()?)));
+        ends.filter(|(first, last)| first <= last).ok_or_else(|| BadField {
             key: "gaps",
-            expected: "gaps as FIRST+COUNT".to_owned(),
+            expected: "gaps as FIRST-LAST".to_owned(),
             got: format!("{text:?}"),
         })
     };
-    let gaps = field(fields, "gaps")?.split_ascii_whitespace().map(gap).collect::<Result<_, _>>()?;
-    Ok(LossCertificate { published: number("published")?, recorded: number("recorded")?, gaps })
+    Ok(LossCertificate {
+        run: parsed(fields, "run", "a whole number")?,
+        expected: parsed(fields, "expected", "a whole number")?,
+        received: parsed(fields, "received", "a whole number")?,
+        gaps: field(fields, "gaps")?.split_ascii_whitespace().map(gap).collect::<Result<_, _>>()?,
+        end_seen: parsed(fields, "end_seen", "true or false")?,
+    })
 }
