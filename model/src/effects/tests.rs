@@ -1,1 +1,315 @@
+//! What every effect of the library must hold to.
 
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+mod energy;
+mod slopes;
+
+use super::*;
+use crate::parameters::Parameters;
+use crate::rec::{self, Circuit, Input, Lever, STATES};
+use crate::scalar::Tangent;
+
+/// A plant state in the envelope of the paper's figures.
+fn state(rng: &mut ChaCha8Rng) -> [f64; STATES] {
+    [
+        rng.random_range(-0.7..0.7),
+        rng.random_range(-3.0..3.0),
+        rng.random_range(1.1..6.0),
+        rng.random_range(1.1..6.0),
+        rng.random_range(0.0..20.0),
+    ]
+}
+
+fn circuits() -> [Circuit; 4] {
+    [
+        Circuit::Pump,
+        Circuit::ShutOff { release_ml_s: 0.5 },
+        Circuit::Measured { rate1_bar_s: 0.3, rate2_bar_s: -0.2 },
+        Circuit::Bench,
+    ]
+}
+
+/// Every combination of valves, plane, lever and circuit, each with a random voltage.
+fn inputs(rng: &mut ChaCha8Rng) -> Vec<Input> {
+    let mut all = Vec::new();
+    for circuit in circuits() {
+        for bits in 0..16 {
+            all.push(Input {
+                voltage_v: rng.random_range(-24.0..24.0),
+                brake_open: bits & 1 != 0,
+                bypass_open: bits & 2 != 0,
+                vertical: bits & 4 != 0,
+                lever: if bits & 8 != 0 { Lever::Free } else { Lever::Led { velocity_rad_s: 0.07 } },
+                circuit,
+            });
+        }
+    }
+    all
+}
+
+fn set(effect: &'static dyn Effect, k: &[f64]) -> EffectSet<f64> {
+    EffectSet::new(STATES, [(effect, k.to_vec())])
+}
+
+/// Derivatives of all states, the torque, the flow and what the sensors show.
+fn everything(input: &Input, k: &[f64], effects: &EffectSet<f64>, t: f64, x: &[f64]) -> Vec<f64> {
+    let mut dx = vec![0.0; x.len()];
+    let derived = rec::derivative(input, k, effects, t, x, &mut dx);
+    let mut scratch = vec![0.0; x.len() - STATES];
+    scratch.resize(x.len(), 0.0);
+    let shown = rec::shown(effects, t, x, &mut scratch);
+    dx.extend([derived.torque_nm, derived.flow_ml_s]);
+    dx.extend(shown);
+    dx
+}
+
+fn everything_tangent(
+    input: &Input,
+    k: &[Tangent],
+    effects: &EffectSet<Tangent>,
+    t: f64,
+    x: &[Tangent],
+) -> Vec<Tangent> {
+    let mut dx = vec![Tangent::constant(0.0); x.len()];
+    let derived = rec::derivative(input, k, effects, t, x, &mut dx);
+    let mut scratch = vec![Tangent::constant(0.0); x.len()];
+    let shown = rec::shown(effects, t, x, &mut scratch);
+    dx.extend([derived.torque_nm, derived.flow_ml_s]);
+    dx.extend(shown);
+    dx
+}
+
+/// The plant state followed by the effect's states at rest there.
+fn with_rest_states(input: &Input, k: &[f64], effects: &EffectSet<f64>, plant: &[f64; STATES]) -> Vec<f64> {
+    let mut x = plant.to_vec();
+    x.resize(STATES + effects.states, 0.0);
+    rec::rest_states(input, k, effects, &mut x);
+    x
+}
+
+/// The start with its sizes at 0.
+fn without_size(header: &Header, start: &[f64]) -> Vec<f64> {
+    header.parameters.iter().zip(start).map(|(p, v)| if p.size { 0.0 } else { *v }).collect()
+}
+
+/// Starts, the typical values, and every corner of the bounds.
+fn parameter_vectors(header: &Header) -> Vec<Vec<f64>> {
+    let mut all: Vec<Vec<f64>> = header.starts.iter().map(|s| s.to_vec()).collect();
+    all.push(header.parameters.iter().map(|p| p.typical).collect());
+    for corner in 0..1u32 << header.parameters.len() {
+        let at = |(i, p): (usize, &Parameter)| if corner >> i & 1 == 0 { p.lower } else { p.upper };
+        all.push(header.parameters.iter().enumerate().map(at).collect());
+    }
+    all
+}
+
+#[test]
+fn headers_are_complete_and_ids_unique() {
+    let mut ids: Vec<&str> = LIBRARY.iter().map(|e| e.header().id).collect();
+    ids.sort_unstable();
+    ids.dedup();
+    assert_eq!(ids.len(), LIBRARY.len(), "two effects share an id");
+    for effect in LIBRARY {
+        let h = effect.header();
+        assert!(h.id.chars().all(|c| c.is_ascii_lowercase() || c == '_'), "{}", h.id);
+        for text in [h.summary, h.equation, h.validity, h.measure, h.literature] {
+            assert!(text.len() > 8, "{}: a text of the header is missing", h.id);
+        }
+        assert!(!h.ports.is_empty() && !h.parameters.is_empty() && !h.starts.is_empty(), "{}", h.id);
+        assert!(h.parameters.iter().any(|p| p.size), "{}: nothing says how strong it is", h.id);
+        for p in h.parameters {
+            assert!(!p.name.is_empty() && !p.unit.is_empty(), "{}", h.id);
+            assert!(p.lower <= p.typical && p.typical <= p.upper && p.lower < p.upper, "{} {}", h.id, p.name);
+            assert!(p.typical != 0.0, "{} {}: typical is a scale", h.id, p.name);
+            assert!(!p.size || (p.lower <= 0.0 && 0.0 <= p.upper), "{} {}: a size may vanish", h.id, p.name);
+        }
+        for start in h.starts {
+            assert_eq!(start.len(), h.parameters.len(), "{}", h.id);
+            assert!(
+                start.iter().zip(h.parameters).any(|(v, p)| p.size && *v != 0.0),
+                "{}: a start without any effect",
+                h.id
+            );
+            for (v, p) in start.iter().zip(h.parameters) {
+                assert!(p.lower <= *v && *v <= p.upper, "{} {}: start {v} out of bounds", h.id, p.name);
+            }
+        }
+    }
+}
+
+#[test]
+fn the_contracts_ids_are_there_with_their_balances() {
+    use Balance::*;
+    for (balance, id) in [
+        (Torque, "torque_cubic"),
+        (Torque, "pressure_friction"),
+        (Torque, "stribeck_friction"),
+        (Torque, "elastic_hysteresis"),
+        (Torque, "tilt"),
+        (Torque, "end_stop"),
+        (Flow, "external_leakage"),
+        (Flow, "cross_leakage"),
+        (Flow, "chamber_asymmetry"),
+        (Flow, "wall_creep"),
+        (Flow, "trapped_air"),
+        (Flow, "displacement_pressure"),
+        (Pump, "pump_lag"),
+        (Pump, "pump_asymmetry"),
+        (Pump, "pump_warming"),
+        (Pump, "line_inertance"),
+        (Pump, "brake_valve_lag"),
+        (Sensor, "pressure_drift"),
+        (Sensor, "pressure_lag"),
+        (Sensor, "angle_offset"),
+    ] {
+        let effect = find(id).unwrap_or_else(|| panic!("{id} is not in the library"));
+        assert_eq!(effect.header().balance, balance, "{id}");
+    }
+}
+
+#[test]
+fn without_size_an_effect_leaves_the_base_model_to_the_bit() {
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let k = Parameters::example().to_vector();
+    for effect in LIBRARY {
+        let h = effect.header();
+        for start in h.starts {
+            let effects = set(*effect, &without_size(h, start));
+            for input in inputs(&mut rng) {
+                let plant = state(&mut rng);
+                let t = rng.random_range(0.0..60.0);
+                let x = with_rest_states(&input, &k, &effects, &plant);
+                let got = everything(&input, &k, &effects, t, &x);
+                let base = everything(&input, &k, &EffectSet::none(), t, &plant);
+                assert_eq!(got[..STATES], base[..STATES], "{} {input:?} {plant:?}", h.id);
+                assert_eq!(got[x.len()..], base[STATES..], "{} {input:?} {plant:?}", h.id);
+            }
+        }
+    }
+}
+
+#[test]
+fn with_size_an_effect_changes_something() {
+    let mut rng = ChaCha8Rng::seed_from_u64(2);
+    let k = Parameters::example().to_vector();
+    for effect in LIBRARY {
+        let h = effect.header();
+        for start in h.starts {
+            let effects = set(*effect, start);
+            let inputs = inputs(&mut rng);
+            let changed = inputs.iter().any(|input| {
+                let plant = state(&mut rng);
+                let mut x = with_rest_states(input, &k, &effects, &plant);
+                for own in &mut x[STATES..] {
+                    *own += rng.random_range(-0.5..0.5);
+                }
+                let got = everything(input, &k, &effects, 20.0, &x);
+                let base = everything(input, &k, &EffectSet::none(), 20.0, &plant);
+                got[..STATES] != base[..STATES] || got[x.len()..] != base[STATES..]
+            });
+            assert!(changed, "{} {start:?}", h.id);
+        }
+    }
+}
+
+#[test]
+fn finite_in_the_envelope_at_starts_and_bounds() {
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let base = Parameters::example().to_vector();
+    let k: Vec<Tangent> = base.iter().map(|v| Tangent::constant(*v)).collect();
+    for effect in LIBRARY {
+        let h = effect.header();
+        for vector in parameter_vectors(h) {
+            let seeded = |(i, v): (usize, &f64)| Tangent::variable(*v, i);
+            let tangents: Vec<Tangent> = vector.iter().enumerate().map(seeded).collect();
+            let effects = EffectSet::new(STATES, [(*effect, tangents)]);
+            for input in inputs(&mut rng) {
+                let plant = state(&mut rng);
+                let variable = |(i, v): (usize, &f64)| Tangent::variable(*v, 8 + i);
+                let mut x: Vec<Tangent> = plant.iter().enumerate().map(variable).collect();
+                x.resize(STATES + effects.states, Tangent::constant(0.0));
+                rec::rest_states(&input, &k, &effects, &mut x);
+                for at_rest in [true, false] {
+                    if !at_rest {
+                        for own in &mut x[STATES..] {
+                            *own = Tangent::constant(rng.random_range(-1.0..1.0));
+                        }
+                    }
+                    let t = rng.random_range(0.0..600.0);
+                    for v in everything_tangent(&input, &k, &effects, t, &x) {
+                        assert!(
+                            v.value.is_finite() && v.slope.iter().all(|s| s.is_finite()),
+                            "{} {vector:?} {input:?} {plant:?}",
+                            h.id
+                        );
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// The parameters of the mirrored effect: what chamber 1 had, chamber 2 has, and directions are reversed.
+fn mirrored(id: &str, k: &[f64]) -> Option<Vec<f64>> {
+    Some(match id {
+        "external_leakage" | "trapped_air" | "pressure_lag" => vec![k[1], k[0]],
+        "pressure_drift" => vec![k[2], k[3], k[0], k[1], k[4]],
+        "tilt" => vec![k[0], -k[1]],
+        "angle_offset" => vec![-k[0]],
+        "pump_asymmetry" => k.iter().map(|v| -v).collect(),
+        // it names chamber 2 as the one that differs
+        "chamber_asymmetry" => return None,
+        _ => k.to_vec(),
+    })
+}
+
+/// The plant seen from its other chamber.
+fn mirror(x: &[f64]) -> [f64; 4] {
+    [-x[0], -x[1], x[3], x[2]]
+}
+
+#[test]
+fn both_chambers_are_treated_alike() {
+    let mut rng = ChaCha8Rng::seed_from_u64(8);
+    let k = Parameters::example().to_vector();
+    for effect in LIBRARY {
+        let h = effect.header();
+        for start in h.starts {
+            let Some(other) = mirrored(h.id, start) else { continue };
+            for input in inputs(&mut rng) {
+                // shutting off is done to chamber 1
+                if !matches!(input.circuit, Circuit::Pump) {
+                    continue;
+                }
+                let plant = state(&mut rng);
+                let reflected: [f64; STATES] = {
+                    let m = mirror(&plant);
+                    [m[0], m[1], m[2], m[3], plant[4]]
+                };
+                let turned = Input {
+                    voltage_v: -input.voltage_v,
+                    lever: match input.lever {
+                        Lever::Free => Lever::Free,
+                        Lever::Led { velocity_rad_s } => Lever::Led { velocity_rad_s: -velocity_rad_s },
+                    },
+                    ..input
+                };
+                let (a, b) = (set(*effect, start), set(*effect, &other));
+                let one = everything(&input, &k, &a, 9.0, &with_rest_states(&input, &k, &a, &plant));
+                let two = everything(&turned, &k, &b, 9.0, &with_rest_states(&turned, &k, &b, &reflected));
+                let n = STATES + h.states;
+                let shown = |v: &[f64]| [-v[n + 2], v[n + 4], v[n + 3]];
+                let expected = mirror(&two);
+                for i in 0..4 {
+                    let error = (one[i] - expected[i]).abs();
+                    assert!(error < 1e-9 * (1.0 + one[i].abs()), "{} {start:?}: state {i}, {input:?}", h.id);
+                }
+                for (a, b) in [one[n + 2], one[n + 3], one[n + 4]].iter().zip(shown(&two)) {
+                    assert!((a - b).abs() < 1e-9, "{} {start:?}: sensors", h.id);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,177 @@
+//! What effects do with energy and oil.
+
+use super::*;
+use crate::port::{AMBIENT_BAR, HydraulicPort, LinePort, MechanicalPort};
+
+/// A closed path of all signals: (angle, velocity, pressures, their rates, voltage) at time `t`, period 2 pi s.
+struct Path {
+    angle: [f64; 2],
+    pressure: [[f64; 2]; 2],
+    phase: [f64; 6],
+}
+
+impl Path {
+    fn random(rng: &mut ChaCha8Rng) -> Self {
+        let mut phase = || rng.random_range(0.0..std::f64::consts::TAU);
+        Path { phase: [(); 6].map(|()| phase()), angle: [0.8, 0.15], pressure: [[1.6, 0.6], [1.2, 0.9]] }
+    }
+
+    /// Two harmonics, 1 and 3: (value, rate).
+    fn wave(&self, amplitude: [f64; 2], phase: usize, t: f64) -> (f64, f64) {
+        let (a, b) = (t + self.phase[phase], 3.0 * t + self.phase[phase + 1]);
+        (amplitude[0] * a.sin() + amplitude[1] * b.sin(), amplitude[0] * a.cos() + 3.0 * amplitude[1] * b.cos())
+    }
+}
+
+/// Power (W for the lever, bar ml/s for oil) that an effect draws at one instant of the path.
+fn drawn(effect: &dyn Effect, k: &[f64], x: &[f64], dx: &mut [f64], path: &Path, t: f64) -> f64 {
+    dx.fill(0.0);
+    let (angle_rad, velocity_rad_s) = path.wave(path.angle, 0, t);
+    let (p1, rate1) = path.wave(path.pressure[0], 2, t);
+    let (p2, rate2) = path.wave(path.pressure[1], 4, t);
+    let pressure_bar = [3.4 + p1, 3.4 + p2];
+    let dp_bar = pressure_bar[0] - pressure_bar[1];
+    let mut power = 0.0;
+    for port in effect.header().ports {
+        match port {
+            PortKind::Mechanical => {
+                let mut m = MechanicalPort {
+                    time_s: t,
+                    angle_rad,
+                    velocity_rad_s,
+                    dp_bar,
+                    load_bar: pressure_bar[0] + pressure_bar[1] - 2.0 * AMBIENT_BAR,
+                    vertical: false,
+                    torque_nm: 0.0,
+                };
+                effect.act_value(k, x, dx, &mut Port::Mechanical(&mut m));
+                power -= m.torque_nm * velocity_rad_s;
+            }
+            PortKind::Hydraulic => {
+                let mut h = HydraulicPort {
+                    time_s: t,
+                    pressure_bar,
+                    angle_rad,
+                    velocity_rad_s,
+                    flow_ml_s: [0.0; 2],
+                    capacity_ml_bar: [0.0; 2],
+                    displacement_ml_rad: [0.0; 2],
+                    stored_slope_ml_rad: [0.0; 2],
+                    shut_off: false,
+                };
+                effect.act_value(k, x, dx, &mut Port::Hydraulic(&mut h));
+                for (i, rate) in [rate1, rate2].into_iter().enumerate() {
+                    let taken =
+                        h.capacity_ml_bar[i] * rate + h.displacement_ml_rad[i] * velocity_rad_s - h.flow_ml_s[i];
+                    power += (pressure_bar[i] - AMBIENT_BAR) * taken;
+                }
+            }
+            PortKind::Line => {
+                let mut l = LinePort {
+                    time_s: t,
+                    voltage_v: 12.0,
+                    dp_bar,
+                    flow_ml_s: 0.0,
+                    slip_ml_s_bar: 0.25,
+                    drive_ml_s: 7.0,
+                    opening: 1.0,
+                    open: true,
+                };
+                effect.act_value(k, x, dx, &mut Port::Line(&mut l));
+                power -= l.flow_ml_s * dp_bar;
+            }
+            PortKind::Actuator | PortKind::Sensor => panic!("{}: no power at this port", effect.header().id),
+        }
+    }
+    power
+}
+
+#[test]
+fn a_passive_effect_draws_energy_on_every_closed_path() {
+    const PERIODS: usize = 8;
+    const STEPS: usize = 4000;
+    let mut rng = ChaCha8Rng::seed_from_u64(7);
+    for effect in LIBRARY.iter().filter(|e| e.header().passive) {
+        let h = effect.header();
+        let stores_only = ["end_stop", "trapped_air"].contains(&h.id);
+        for start in h.starts {
+            let path = Path::random(&mut rng);
+            let mut x = vec![0.0; h.states];
+            let mut dx = vec![0.0; h.states];
+            let step = std::f64::consts::TAU / STEPS as f64;
+            let (mut energy, mut moved) = (0.0, 0.0);
+            for i in 0..PERIODS * STEPS {
+                if i % STEPS == 0 {
+                    (energy, moved) = (0.0, 0.0);
+                }
+                // midpoint rule: spectrally accurate for a smooth periodic power, second order at corners
+                let t = (i as f64) * step;
+                drawn(*effect, start, &x, &mut dx, &path, t);
+                let middle: Vec<f64> = x.iter().zip(&dx).map(|(x, d)| x + 0.5 * step * d).collect();
+                let power = drawn(*effect, start, &middle, &mut dx, &path, t + 0.5 * step);
+                energy += power * step;
+                moved += power.abs() * step;
+                for (x, d) in x.iter_mut().zip(&dx) {
+                    *x += step * d;
+                }
+            }
+            assert!(moved > 0.0, "{} {start:?}: the path does not touch it", h.id);
+            assert!(energy >= -1e-5 * moved, "{} {start:?}: gives {energy} of {moved}", h.id);
+            if stores_only {
+                assert!(energy.abs() < 1e-5 * moved, "{} {start:?}: keeps {energy} of {moved}", h.id);
+            } else {
+                assert!(energy > 1e-3 * moved, "{} {start:?}: keeps {energy} of {moved}", h.id);
+            }
+        }
+    }
+}
+
+fn chambers(pressure_bar: [f64; 2]) -> HydraulicPort<f64> {
+    HydraulicPort {
+        time_s: 0.0,
+        pressure_bar,
+        angle_rad: 0.2,
+        velocity_rad_s: 1.0,
+        flow_ml_s: [0.0; 2],
+        capacity_ml_bar: [2.0; 2],
+        displacement_ml_rad: [70.0, -70.0],
+        stored_slope_ml_rad: [0.0; 2],
+        shut_off: false,
+    }
+}
+
+#[test]
+fn cross_leakage_keeps_the_oil_and_stops_where_chambers_are_shut_off() {
+    let leak = find("cross_leakage").unwrap();
+    for pressure in [[1.2, 5.0], [5.0, 1.2], [3.0, 3.0]] {
+        let mut h = chambers(pressure);
+        leak.act_value(&[0.5, 0.02], &[], &mut [], &mut Port::Hydraulic(&mut h));
+        assert_eq!(h.flow_ml_s[0] + h.flow_ml_s[1], 0.0);
+        assert!(h.flow_ml_s[0] * (pressure[1] - pressure[0]) >= 0.0, "oil goes to the lower pressure");
+        let mut h = HydraulicPort { shut_off: true, ..chambers(pressure) };
+        leak.act_value(&[0.5, 0.02], &[], &mut [], &mut Port::Hydraulic(&mut h));
+        assert_eq!(h.flow_ml_s, [0.0; 2]);
+    }
+}
+
+#[test]
+fn wall_creep_returns_all_its_oil() {
+    let creep = find("wall_creep").unwrap();
+    let (k, step) = ([1.5, 0.4], 1e-3);
+    let mut x = [k[0] * 1.0; 2];
+    let mut taken = [0.0; 2];
+    let mut most: f64 = 0.0;
+    for i in 0..20_000 {
+        let raised = if i < 1500 { 3.0 } else { 0.0 };
+        let mut h = chambers([2.0 + raised, 2.0]);
+        let mut dx = [0.0; 2];
+        creep.act_value(&k, &x, &mut dx, &mut Port::Hydraulic(&mut h));
+        for c in 0..2 {
+            taken[c] -= h.flow_ml_s[c] * step;
+            x[c] += dx[c] * step;
+        }
+        most = most.max(taken[0]);
+    }
+    assert!((most / (k[0] * 3.0 * (1.0 - (-1.5f64 / 0.4).exp())) - 1.0).abs() < 0.01, "took {most} ml");
+    assert!(taken[0].abs() < 1e-9 && taken[1] == 0.0, "{taken:?}");
+}
