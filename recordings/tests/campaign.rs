@@ -1,5 +1,7 @@
 //! Campaign folders: what is written is what is read, and every fault of `campaign.toml` names its line and key.
 
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
 mod common;
 
 use std::fs;

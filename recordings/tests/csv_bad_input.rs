@@ -1,5 +1,7 @@
 //! Every way in which a CSV run can be wrong is an error that names file, line and column, and says what to do.
 
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
 mod common;
 
 use std::fs;

@@ -1,5 +1,7 @@
 //! What is written as CSV reads back as the same bits, and nothing is written that the reader would refuse.
 
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
 mod common;
 
 use common::{assert_says, bits};

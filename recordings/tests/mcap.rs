@@ -1,5 +1,7 @@
 //! MCAP: what is written is what is read, the same run gives the same bytes, and a recording that is not whole is refused.
 
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
 mod common;
 
 use std::fs;
@@ -9,10 +11,8 @@ use common::{assert_says, bits, metadata, sample, write_mcap};
 use mcap::records::Metadata;
 use proptest::prelude::*;
 use prost_reflect::{DescriptorPool, DynamicMessage, Value};
-use recordings::{
-    CampaignError, Event, Gap, Item, LossCertificate, McapReader, McapWriter, Protocol, Recording, Severity,
-};
-use rt_core::Sample;
+use recordings::{CampaignError, Event, Item, McapReader, McapWriter, Protocol, Recording, Severity};
+use rt_core::{LossCertificate, LossTracker, Sample, flags};
 
 fn folder() -> (tempfile::TempDir, PathBuf) {
     let dir = tempfile::tempdir().unwrap();
@@ -64,7 +64,7 @@ fn a_run_of_many_chunks_comes_back_whole() {
         let Item::Sample(read) = item else { panic!("no events were written") };
         assert_eq!(sample_bits(read), sample_bits(sample));
     }
-    let certificate = LossCertificate { published: 20_000, recorded: 20_000, gaps: vec![] };
+    let certificate = LossCertificate { run: 3, expected: 20_000, received: 20_000, gaps: vec![], end_seen: true };
     assert_eq!(reader.certificate(), Some(&certificate));
     assert_eq!(certificate.to_string(), "20000 of 20000 samples");
 }
@@ -285,13 +285,10 @@ fn lost_samples_are_certified_and_refused_as_data() {
         writer.write(sample).unwrap();
     }
     let certificate = writer.certificate(1_000);
-    let gaps =
-        vec![Gap { first_tick: 0, ticks: 1 }, Gap { first_tick: 300, ticks: 10 }, Gap { first_tick: 999, ticks: 1 }];
-    assert_eq!(certificate, LossCertificate { published: 1_000, recorded: 988, gaps });
-    assert_eq!(certificate.lost(), 12);
-    assert!(!certificate.is_complete());
+    let gaps = vec![(0, 0), (300, 309), (999, 999)];
+    assert_eq!(certificate, LossCertificate { run: 3, expected: 1_000, received: 988, gaps, end_seen: true });
     writer.finish(&certificate).unwrap();
-    assert_says(read(&path), &["tick 0", "988 of 1000 samples", "10 from tick 300", "record it again"]);
+    assert_says(read(&path), &["tick 0", "988 of 1000 samples", "300..=309", "record it again"]);
 
     let none = dir.path().join("none.mcap");
     write_mcap(&none, &[], 0);
@@ -299,14 +296,57 @@ fn lost_samples_are_certified_and_refused_as_data() {
 }
 
 #[test]
-fn nothing_false_is_signed() {
-    let (dir, path) = folder();
+fn the_subscribers_certificate_is_the_one_that_is_kept() {
+    let (_dir, path) = folder();
+    let mut tracker = LossTracker::default();
     let mut writer = McapWriter::create(&path, &metadata()).unwrap();
-    writer.write(&sample(0)).unwrap();
-    writer.write(&sample(2)).unwrap();
-    let claimed = LossCertificate { published: 2, recorded: 2, gaps: vec![] };
-    assert_says(writer.finish(&claimed), &["run.mcap.part", "2 samples", "count"]);
-    assert!(!path.exists() && dir.path().join("run.mcap.part").exists());
+    let mut kept = samples(100);
+    kept.drain(40..42);
+    kept.last_mut().unwrap().flags |= flags::LAST;
+    for sample in &kept {
+        tracker.received(0, sample).unwrap();
+        writer.write(sample).unwrap();
+    }
+    let certificate = tracker.take().unwrap();
+    writer.finish(&certificate).unwrap();
+    let mut reader = McapReader::open(&path).unwrap();
+    assert_eq!(reader.by_ref().count(), 98);
+    assert_eq!(reader.certificate(), Some(&certificate));
+}
+
+#[test]
+fn a_run_whose_end_did_not_arrive_is_refused_as_data() {
+    let (_dir, path) = folder();
+    let mut writer = McapWriter::create(&path, &metadata()).unwrap();
+    samples(50).iter().for_each(|sample| writer.write(sample).unwrap());
+    let certificate = LossCertificate { end_seen: false, ..writer.certificate(50) };
+    writer.finish(&certificate).unwrap();
+    assert_says(read(&path), &["run.mcap", "without loss", "50 of at least 50", "end of the run"]);
+}
+
+#[test]
+fn nothing_false_is_signed() {
+    let honest = LossCertificate { run: 3, expected: 4, received: 2, gaps: vec![(1, 1), (3, 3)], end_seen: true };
+    let claims = [
+        LossCertificate { expected: 2, gaps: vec![], ..honest.clone() },
+        LossCertificate { received: 4, ..honest.clone() },
+        LossCertificate { gaps: vec![(3, 3)], ..honest.clone() },
+        LossCertificate { expected: 3, ..honest.clone() },
+        LossCertificate { run: 4, ..honest.clone() },
+        honest.clone(),
+    ];
+    for claimed in claims {
+        let (dir, path) = folder();
+        let mut writer = McapWriter::create(&path, &metadata()).unwrap();
+        writer.write(&sample(0)).unwrap();
+        writer.write(&sample(2)).unwrap();
+        if claimed == honest {
+            assert_eq!(writer.finish(&claimed).unwrap(), path);
+        } else {
+            assert_says(writer.finish(&claimed), &["run.mcap.part", "agrees with what was written", "run 3: 2 of"]);
+            assert!(!path.exists() && dir.path().join("run.mcap.part").exists());
+        }
+    }
 }
 
 #[test]
@@ -333,7 +373,7 @@ fn samples_that_can_not_be_recorded_are_refused_one_by_one() {
     }
     writer.write(&sample(6)).unwrap();
     let certificate = writer.certificate(7);
-    assert_eq!(certificate.recorded, 2, "what was refused is not counted");
+    assert_eq!(certificate.received, 2, "what was refused is not counted");
 }
 
 #[test]
@@ -369,4 +409,22 @@ fn the_schema_in_the_file_explains_the_messages() {
         assert_eq!(torque.to_bits(), sample.torque_nm.to_bits());
         assert!(fields.has_field_by_name("volume_ml"), "written also where it is NaN");
     }
+}
+
+/// `data/format_1.mcap` was written by the first version of format 1 and is never written anew.
+#[test]
+fn a_file_of_format_1_opens_for_ever() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/format_1.mcap");
+    let mut reader = McapReader::open(&path).unwrap();
+    assert_eq!(*reader.run(), metadata());
+    let items: Vec<_> = reader.by_ref().map(|item| item.unwrap()).collect();
+    assert_eq!(items.len(), 20);
+    for (item, sample) in items.iter().zip(samples(20)) {
+        let Item::Sample(read) = item else { panic!("no events were written") };
+        // The sine in the made-up run may round otherwise on another machine.
+        assert!((read.angle_deg - sample.angle_deg).abs() < 1e-9 && read.tick == sample.tick);
+        assert_eq!((read.flags, read.segment, read.voltage_v), (sample.flags, sample.segment, sample.voltage_v));
+        assert_eq!(read.torque_nm.is_nan(), sample.torque_nm.is_nan());
+    }
+    assert!(reader.certificate().unwrap().is_lossless());
 }
