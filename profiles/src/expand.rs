@@ -38,7 +38,6 @@ pub(crate) fn script(raw: RawScript, source: &Source) -> Result<Script, ScriptEr
         role: raw.role,
         plane: raw.plane,
         about: raw.about.unwrap_or_default(),
-        start_fixture: start.fixture,
         fill_bar,
         file: source.file.to_owned(),
         start,

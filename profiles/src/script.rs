@@ -6,7 +6,7 @@ use crate::error::{ScriptError, Source};
 use crate::expand;
 use crate::playback::Playback;
 use crate::raw::RawScript;
-use rt_core::Fixture;
+use rt_core::{Command, Fixture};
 use serde::Deserialize;
 
 /// Largest angle, degrees either way, that a script may ask for: the range of the actuator with a little to spare.
@@ -105,8 +105,6 @@ pub struct Script {
     pub plane: Plane,
     /// Free text, may be empty.
     pub about: String,
-    /// The operator's preparation: what holds the lever before the first step.
-    pub start_fixture: Fixture,
     /// The operator's preparation: pressure of both chambers, bar absolute; `None` = as it is.
     pub fill_bar: Option<f64>,
     pub(crate) file: String,
@@ -134,6 +132,12 @@ impl Script {
     /// A voltage above the rig's `u_max_v`, or a context that is no rig's.
     pub fn compile(&self, context: &Context) -> Result<Playback, ScriptError> {
         compile::playback(self, context)
+    }
+
+    /// The operator's preparation: what is in force before the first step, at 0 V.
+    pub fn start(&self) -> Command {
+        let State { brake_open, bypass_open, fixture, .. } = self.start;
+        Command { voltage_v: 0.0, brake_open, bypass_open, fixture, segment: 0 }
     }
 
     /// Longest time the script can take, s: every wait runs into its timeout and no loop is left early.

@@ -16,7 +16,7 @@ fn script(name: &str) -> Script {
 fn run_on(script: &Script, rig: common::Parameters, seed: u64) -> Vec<Row> {
     let mut playback = script.compile(&Context { u_max_v: U_MAX_V, seed }).expect("compiles");
     let fill_bar = script.fill_bar.unwrap_or(2.8);
-    let mut rig = FakeRig::new(rig, script.plane == Plane::Vertical, script.start_fixture, fill_bar);
+    let mut rig = FakeRig::new(rig, script.plane == Plane::Vertical, script.start().fixture, fill_bar);
     let limit = (script.duration_bound_s() * 1e9 / PERIOD_NS as f64).ceil() as u64 + 1;
     play(&mut playback, &mut rig, U_MAX_V, limit)
 }
@@ -135,7 +135,9 @@ fn volume_map_fills_then_sweeps_both_ways_in_one_segment() {
     for pair in segments.chunks(2) {
         let [filled, swept] = pair else { panic!("a filling without its sweep") };
         assert!(filled.iter().all(|r| matches!(r.step.fixture, Fixture::Filled { .. })));
+        let (tick_before_next, swept) = swept.split_last().expect("a sweep");
         assert!(swept.iter().all(|r| matches!(r.step.fixture, Fixture::Driven { .. })));
+        assert!(matches!(tick_before_next.step.fixture, Fixture::Clamped { .. }));
         let angles: Vec<f64> = swept.iter().map(|r| r.measured.angle_deg).collect();
         let (first, last) = (angles[0], angles[angles.len() - 1]);
         let (low, high) = angles.iter().fold((first, first), |(l, h), &a| (l.min(a), h.max(a)));
@@ -180,13 +182,15 @@ fn clamp_steps_release_one_ml_and_rest() {
                 assert!(matches!(segment[0].step.fixture, Fixture::Filled { .. }));
                 angles += 1;
             }
-            Some(0.0) => assert_eq!(segment.len(), 1500),
+            Some(0.0) => assert_eq!(segment.len(), 1501),
             Some(rate) => {
                 releases += 1;
                 let flowing = segment.iter().take_while(|r| flow(r) == Some(rate)).count();
                 assert!((rate * flowing as f64 * 1e-3 - 1.0).abs() < 0.02, "{rate} ml/s for {flowing} ticks");
-                assert_eq!(segment.len() - flowing, 2000);
-                assert!(segment[flowing..].iter().all(|r| flow(r) == Some(0.0)));
+                let (tick_before_next, rest) = segment[flowing..].split_last().expect("a rest");
+                assert_eq!(rest.len(), 2000);
+                assert!(rest.iter().all(|r| flow(r) == Some(0.0)));
+                assert!(matches!(tick_before_next.step.fixture, Fixture::Clamped { .. }));
                 assert!(segment[0].measured.pressure1_bar >= 1.65, "released below the stop");
             }
         }
