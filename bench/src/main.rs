@@ -1,2 +1,30 @@
-//! The test bench.
-fn main() {}
+//! The command line.
+
+use bench::commands::{Cli, run};
+use bench::failure::{Failure, Kind};
+use bench::progress::Progress;
+use clap::Parser;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::process::ExitCode;
+use tracing_subscriber::EnvFilter;
+
+fn main() -> ExitCode {
+    let cli = Cli::parse(); // ends with 2 on bad usage, with 0 on --help and --version
+    let progress = Progress::for_stderr();
+    let writer = progress.clone();
+    tracing_subscriber::fmt()
+        .with_env_filter(EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("warn")))
+        .with_writer(move || writer.clone())
+        .init();
+
+    // A panic is a defect: its message stands on stderr already, the exit code must still be the documented one.
+    let outcome = catch_unwind(AssertUnwindSafe(|| run(&cli, &progress)))
+        .unwrap_or_else(|_| Err(Failure::new(Kind::Internal, "internal error, see above; please report it")));
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            progress.say(&format!("error: {failure}"));
+            ExitCode::from(failure.exit_code())
+        }
+    }
+}

@@ -1,0 +1,105 @@
+//! Progress on stderr: bars on a terminal, one plain line a finished step elsewhere.
+
+use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::io::{self, IsTerminal, Write};
+use std::time::Duration;
+
+/// All progress of a command. Clones share the screen.
+#[derive(Clone)]
+pub struct Progress {
+    bars: MultiProgress,
+    terminal: bool,
+}
+
+/// One step under way.
+pub struct Step {
+    bar: ProgressBar,
+    progress: Progress,
+    name: String,
+}
+
+impl Progress {
+    /// For the process's stderr.
+    pub fn for_stderr() -> Self {
+        Self::new(io::stderr().is_terminal())
+    }
+
+    fn new(terminal: bool) -> Self {
+        let target = if terminal { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
+        Progress { bars: MultiProgress::with_draw_target(target), terminal }
+    }
+
+    /// Begins a step of `total` units (0 = unknown).
+    pub fn step(&self, name: impl Into<String>, total: u64) -> Step {
+        let name = name.into();
+        let bar = if total > 0 { ProgressBar::new(total) } else { ProgressBar::new_spinner() };
+        let template =
+            if total > 0 { "{msg:24} [{bar:30}] {percent:>3} %  {elapsed}" } else { "{msg:24} {spinner} {elapsed}" };
+        bar.set_style(
+            ProgressStyle::with_template(template).expect("the template is a literal that indicatif accepts"),
+        );
+        let bar = self.bars.add(bar);
+        bar.set_message(name.clone());
+        if self.terminal {
+            bar.enable_steady_tick(Duration::from_millis(120));
+        }
+        Step { bar, progress: self.clone(), name }
+    }
+
+    /// A line that stays, above the bars.
+    pub fn say(&self, line: &str) {
+        if self.terminal {
+            // A terminal that went away is no reason to stop a run.
+            let _ = self.bars.println(line);
+        } else {
+            let _ = writeln!(io::stderr(), "{line}");
+        }
+    }
+
+    /// A line on stdout, where the results go, without tearing the bars.
+    pub fn result(&self, line: &str) {
+        self.bars.suspend(|| {
+            // A closed pipe must not panic; the files hold the results too.
+            let _ = writeln!(io::stdout(), "{line}");
+        });
+    }
+}
+
+impl Step {
+    /// So many units are done in all.
+    pub fn at(&self, done: u64) {
+        self.bar.set_position(done);
+    }
+
+    /// What [`Step::at`] does, for another thread.
+    pub fn counter(&self) -> impl Fn(u64) + Send + 'static {
+        let bar = self.bar.clone();
+        move |done| bar.set_position(done)
+    }
+
+    /// Ends the step without a word.
+    pub fn finish(self) {}
+
+    /// Ends the step with a line that stays.
+    pub fn done(self, text: &str) {
+        self.bar.finish_and_clear();
+        self.progress.say(&format!("{}: {text}", self.name));
+    }
+}
+
+impl Drop for Step {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+/// Lets `tracing` write to stderr without tearing the bars.
+impl Write for Progress {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.bars.suspend(|| io::stderr().write(bytes))
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        io::stderr().flush()
+    }
+}

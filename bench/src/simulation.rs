@@ -1,0 +1,110 @@
+//! The model in free run beside a recorded run.
+
+use model::effects::{self, EffectSet};
+use model::integrate::{Integrator, SimulationError};
+use model::rec::{self, Circuit, Input, Lever, STATES, state};
+use model::{ModelFile, effects::Effect};
+use recordings::{Plane, Recording};
+
+/// Longest inner step, s. The shortest time constant is that of the losses near zero velocity, 1..2 ms.
+const INNER_STEP_S: f64 = 0.25e-3;
+
+/// Why a run could not be simulated.
+#[derive(Debug, thiserror::Error)]
+pub enum FreeRunError {
+    /// The first sample is no state.
+    #[error("row 1, {column}: expected a value, because the simulation starts from the first sample, got none")]
+    Start {
+        /// The empty column.
+        column: &'static str,
+    },
+    /// An effect that the library does not have.
+    #[error("effect {id:?}: expected an effect of the library, got an unknown id; known are {known}")]
+    UnknownEffect {
+        /// What the model file says.
+        id: String,
+        /// All ids.
+        known: String,
+    },
+    /// A parameter of an effect is missing.
+    #[error("effect {id:?}: expected its parameter {parameter:?}, got none")]
+    MissingParameter {
+        /// The effect.
+        id: String,
+        /// The parameter.
+        parameter: &'static str,
+    },
+    /// The model left the range in which it holds.
+    #[error(transparent)]
+    Simulation(#[from] SimulationError),
+}
+
+/// The effects of `model.toml` with their parameters.
+pub fn added_effects(model: &ModelFile) -> Result<EffectSet<f64>, FreeRunError> {
+    let mut set: Vec<(&'static dyn Effect, Vec<f64>)> = Vec::new();
+    for added in &model.effect {
+        let effect = effects::find(&added.id).ok_or_else(|| FreeRunError::UnknownEffect {
+            id: added.id.clone(),
+            known: effects::LIBRARY.iter().map(|e| e.header().id).collect::<Vec<_>>().join(", "),
+        })?;
+        let values = effect.header().parameters.iter().map(|p| {
+            added
+                .parameters
+                .get(p.name)
+                .copied()
+                .ok_or_else(|| FreeRunError::MissingParameter { id: added.id.clone(), parameter: p.name })
+        });
+        set.push((effect, values.collect::<Result<_, _>>()?));
+    }
+    Ok(EffectSet::new(STATES, set))
+}
+
+/// Simulates the free lever from the run's first sample, at rest, with the run's voltage and valves. Angle and pressures of
+/// the result are what the model's sensors would show at the run's times; torque and volume are empty.
+pub fn free_run(
+    model: &ModelFile,
+    effects: &EffectSet<f64>,
+    run: &Recording,
+    plane: Plane,
+) -> Result<Recording, FreeRunError> {
+    let k = model.parameters.to_vector();
+    let first = |column, values: &[f64]| {
+        values.first().copied().filter(|v| v.is_finite()).ok_or(FreeRunError::Start { column })
+    };
+    let mut x = vec![0.0; STATES + effects.states];
+    x[state::ANGLE] = first("angle_deg", &run.angle_deg)?.to_radians();
+    x[state::PRESSURE1] = first("pressure1_bar", &run.pressure1_bar)?;
+    x[state::PRESSURE2] = first("pressure2_bar", &run.pressure2_bar)?;
+    let input = |i: usize| Input {
+        voltage_v: run.voltage_v[i],
+        brake_open: run.brake_open[i],
+        bypass_open: run.bypass_open[i],
+        vertical: plane == Plane::Vertical,
+        lever: Lever::Free,
+        circuit: Circuit::Pump,
+    };
+    rec::rest_states(&input(0), &k, effects, &mut x);
+
+    let rows = run.len();
+    let mut out = Recording {
+        angle_deg: Vec::with_capacity(rows),
+        pressure1_bar: Vec::with_capacity(rows),
+        pressure2_bar: Vec::with_capacity(rows),
+        torque_nm: vec![f64::NAN; rows],
+        volume_ml: vec![f64::NAN; rows],
+        ..run.clone()
+    };
+    let integrator = Integrator::new(INNER_STEP_S);
+    let mut scratch = vec![0.0; x.len()];
+    for i in 0..rows {
+        let now = run.time_s[i];
+        let [angle_deg, pressure1_bar, pressure2_bar] = rec::shown(effects, now, &x, &mut scratch);
+        out.angle_deg.push(angle_deg);
+        out.pressure1_bar.push(pressure1_bar);
+        out.pressure2_bar.push(pressure2_bar);
+        if i + 1 < rows {
+            integrator.advance(&input(i), &k, effects, now, run.time_s[i + 1] - now, &mut x)?;
+        }
+    }
+    Ok(out)
+}

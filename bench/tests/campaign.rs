@@ -1,0 +1,166 @@
+//! A campaign from script to folder, over shared memory, with a device whose every answer is known.
+
+use bench::campaign::{Session, Settings};
+use bench::controller::PumpController;
+use bench::failure::Kind;
+use bench::progress::Progress;
+use profiles::Script;
+use recordings::{Campaign, Plane, Protocol, Recording, RigFacts, Role};
+use rt_core::{Command, Device, DeviceError, Limits, Measurement, Tick};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+
+/// Says its own tick and the command before it; fails or bursts when told to.
+#[derive(Default)]
+struct Echo {
+    voltage_v: f64,
+    fails_at: Option<u64>,
+    bursts_at: Option<u64>,
+    written: Vec<Command>,
+}
+
+impl Device for Echo {
+    fn read(&mut self, now: Tick) -> Result<Measurement, DeviceError> {
+        if self.fails_at == Some(now.index) {
+            return Err(DeviceError {
+                device: "echo",
+                tick: now.index,
+                what: "expected an answer, got none; check the cable".into(),
+            });
+        }
+        let pressure1_bar =
+            if self.bursts_at.is_some_and(|t| now.index >= t) { 50.0 } else { 2.0 + 1e-6 * now.index as f64 };
+        Ok(Measurement { angle_deg: self.voltage_v, pressure1_bar, pressure2_bar: 2.5, ..Measurement::NONE })
+    }
+
+    fn write(&mut self, _now: Tick, command: &Command) -> Result<(), DeviceError> {
+        self.voltage_v = command.voltage_v;
+        self.written.push(*command);
+        Ok(())
+    }
+}
+
+fn script(name: &str, seconds: f64) -> (Script, String) {
+    let text = format!(
+        "name = \"{name}\"\nprotocol = \"random-steps\"\nrole = \"validate\"\nplane = \"vertical\"\n\
+         [start]\nfixture = \"free\"\nbrake = \"open\"\nbypass = \"closed\"\n\
+         [[step]]\nfor_s = 0.5\n[[step]]\nvoltage_v = 6.0\nbrake = \"closed\"\nfor_s = {seconds}\n"
+    );
+    (Script::parse(&text, name).expect("the script is written by hand above"), text)
+}
+
+fn settings(dir: PathBuf) -> Settings {
+    Settings {
+        dir,
+        name: "echo".into(),
+        rig: RigFacts { inertia_kg_m2: 0.085, gravity_nm: 4.0, u_max_v: 24.0 },
+        limits: Limits::default(),
+        seed: 7,
+        notes: [("device".to_owned(), "echo".to_owned())].into(),
+    }
+}
+
+/// One session a process at a time: they share the process's instance name.
+static ONE: std::sync::Mutex<()> = std::sync::Mutex::new(());
+
+fn record(dir: &Path, devices: Vec<Echo>) -> Vec<Result<bench::campaign::Recorded, bench::failure::Failure>> {
+    let _one = ONE.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+    let mut session = Session::create(settings(dir.to_owned())).expect("shared memory is there");
+    let mut outcomes = Vec::new();
+    for (i, mut device) in devices.into_iter().enumerate() {
+        let (script, text) = script(&format!("run_{i}"), 20.0 + i as f64);
+        let mut controller = PumpController::open_loop();
+        let stop = AtomicBool::new(false);
+        outcomes.push(session.run(&script, &text, &mut device, &mut controller, &stop, &Progress::for_stderr()));
+    }
+    session.finish().expect("the publication ends");
+    outcomes
+}
+
+#[test]
+fn every_sample_is_in_the_folder_as_the_device_said_it() {
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    let outcomes = record(dir.path(), vec![Echo::default(), Echo::default()]);
+    for (i, outcome) in outcomes.into_iter().enumerate() {
+        let n = 20_500 + 1000 * i as u64;
+        let recorded = outcome.expect("nothing fails");
+        assert_eq!(recorded.certificate.to_string(), format!("{n} of {n} samples"));
+    }
+
+    let campaign = Campaign::open(dir.path()).expect("a campaign folder");
+    assert_eq!(campaign.name, "echo");
+    assert_eq!(campaign.rig, settings(PathBuf::new()).rig);
+    assert_eq!(campaign.runs.len(), 2);
+    for (i, entry) in campaign.runs.iter().enumerate() {
+        assert_eq!((entry.protocol, entry.role, entry.plane), (Protocol::RandomSteps, Role::Validate, Plane::Vertical));
+        let run: Recording = campaign.read(entry).expect("readable");
+        assert_eq!(run.len(), 20_500 + 1000 * i);
+        for k in 0..run.len() {
+            assert_eq!(run.time_s[k], k as f64 * 1_000_000.0 * 1e-9);
+            assert_eq!(run.pressure1_bar[k], 2.0 + 1e-6 * k as f64, "row {k}");
+            assert_eq!(run.voltage_v[k], if k < 500 { 0.0 } else { 6.0 });
+            assert_eq!(run.angle_deg[k], if k <= 500 { 0.0 } else { 6.0 }, "measured before the command of its tick");
+            assert_eq!(run.brake_open[k], k < 500);
+        }
+        assert!(run.torque_nm.iter().all(|t| t.is_nan()));
+    }
+}
+
+#[test]
+fn the_same_session_leaves_the_same_bytes() {
+    let bytes = || {
+        let dir = tempfile::tempdir().expect("a temporary folder");
+        record(dir.path(), vec![Echo::default()]).remove(0).expect("nothing fails");
+        ["campaign.toml", "run_0.mcap"].map(|file| std::fs::read(dir.path().join(file)).expect("written"))
+    };
+    assert_eq!(bytes(), bytes());
+}
+
+#[test]
+fn a_device_that_fails_is_4_and_leaves_a_closed_recording() {
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    let device = Echo { fails_at: Some(700), ..Echo::default() };
+    let failure = record(dir.path(), vec![device]).remove(0).expect_err("the device fails");
+    assert_eq!(failure.kind, Kind::Device);
+    assert!(failure.message.contains("echo at tick 700") && failure.message.contains("check the cable"), "{failure}");
+    let run = Recording::read(&dir.path().join("run_0.mcap"), Protocol::RandomSteps).expect("closed properly");
+    assert_eq!(run.len(), 701, "700 good ticks and the one of the fault");
+}
+
+#[test]
+fn a_trip_is_5_and_what_followed_is_recorded() {
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    let device = Echo { bursts_at: Some(1000), ..Echo::default() };
+    let failure = record(dir.path(), vec![device]).remove(0).expect_err("50 bar trips");
+    assert_eq!(failure.kind, Kind::Safety);
+    assert!(failure.message.contains("run_0") && failure.message.contains("50"), "{failure}");
+    let run = Recording::read(&dir.path().join("run_0.mcap"), Protocol::RandomSteps).expect("closed properly");
+    assert_eq!(run.voltage_v[999], 6.0);
+    assert!(run.voltage_v[1000..].iter().all(|v| *v == 0.0), "the safe state from the tick of the trip on");
+    assert!(run.len() > 1001, "the aftermath is there");
+}
+
+#[test]
+fn a_stop_is_130_and_zeroes_the_output() {
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    let _one = ONE.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+    let mut session = Session::create(settings(dir.path().to_owned())).expect("shared memory is there");
+    let (script, text) = script("run_0", 5.0);
+    let mut device = Echo::default();
+    let stop = AtomicBool::new(true);
+    let outcome =
+        session.run(&script, &text, &mut device, &mut PumpController::open_loop(), &stop, &Progress::for_stderr());
+    assert_eq!(outcome.expect_err("it was stopped").kind, Kind::Interrupted);
+    assert_eq!(device.written.last().map(|c| (c.voltage_v, c.brake_open)), Some((0.0, false)));
+}
+
+#[test]
+fn a_campaign_is_never_overwritten() {
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    record(dir.path(), vec![Echo::default()]).remove(0).expect("nothing fails");
+    let before = std::fs::read(dir.path().join("run_0.mcap")).expect("written");
+    let failure = Session::create(settings(dir.path().to_owned())).err().expect("the folder is taken");
+    assert_eq!(failure.kind, Kind::Input);
+    assert!(failure.message.contains("never overwritten"), "{failure}");
+    assert_eq!(std::fs::read(dir.path().join("run_0.mcap")).expect("still there"), before);
+}

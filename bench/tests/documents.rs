@@ -1,0 +1,65 @@
+//! Documents that describe what the code holds must hold what the code does.
+
+use model::effects::LIBRARY;
+use std::path::Path;
+
+const CAMPAIGN: &str = include_str!("../../docs/CAMPAIGN.md");
+const README: &str = include_str!("../../README.md");
+
+fn root() -> &'static Path {
+    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
+}
+
+/// Text of a fenced block of this language, the first one that holds `word`.
+fn fenced(language: &str, word: &str) -> String {
+    CAMPAIGN
+        .split(&format!("```{language}\n"))
+        .skip(1)
+        .filter_map(|block| block.split("```").next())
+        .find(|block| block.contains(word))
+        .unwrap_or_else(|| panic!("no {language} block with {word:?} in docs/CAMPAIGN.md"))
+        .to_owned()
+}
+
+#[test]
+fn every_effect_of_the_library_is_listed_once_with_its_balance_and_nothing_else() {
+    let table = CAMPAIGN.split("## Effects").nth(1).expect("the section is there");
+    let listed: Vec<&str> = table.lines().filter(|line| line.starts_with("| ") && line.contains('`')).collect();
+    assert_eq!(listed.len(), LIBRARY.len());
+    for effect in LIBRARY {
+        let h = effect.header();
+        let row = format!("| {} | `{}` | {} |", h.balance.as_str(), h.id, h.summary);
+        assert_eq!(listed.iter().filter(|line| **line == row).count(), 1, "docs/CAMPAIGN.md lacks: {row}");
+        assert!(root().join(format!("model/src/effects/{}.rs", h.id)).is_file(), "the document names this file");
+    }
+}
+
+#[test]
+fn the_model_in_the_document_is_one_that_is_read() {
+    let text = fenced("toml", "[torque]");
+    model::ModelFile::parse(&text, "docs/CAMPAIGN.md").expect("the documented model");
+    for name in model::parameters::NAMES {
+        assert!(CAMPAIGN.contains(&format!("`{name}`")) || text.contains(&format!("\n{name} = ")), "{name}");
+    }
+}
+
+#[test]
+fn the_campaign_in_the_document_is_one_that_is_read() {
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    std::fs::write(dir.path().join("campaign.toml"), fenced("toml", "[[run]]")).expect("writable");
+    std::fs::write(dir.path().join("square_h.mcap"), b"").expect("writable");
+    let campaign = recordings::Campaign::open(dir.path()).expect("the documented campaign");
+    assert_eq!(campaign.runs.len(), 1);
+    for protocol in recordings::Protocol::ALL {
+        assert!(CAMPAIGN.contains(&format!("| `{protocol}` |")), "{protocol} is not in docs/CAMPAIGN.md");
+    }
+}
+
+#[test]
+fn links_and_files_that_the_documents_name_exist() {
+    for (folder, text) in [("", README), ("docs", CAMPAIGN)] {
+        for link in text.split("](").skip(1).filter_map(|rest| rest.split(')').next()) {
+            assert!(root().join(folder).join(link).exists(), "{link} in {folder}/ does not exist");
+        }
+    }
+}
