@@ -7,7 +7,10 @@ use model::effects::{EffectSet, find};
 use model::rec::{STATES, capacity, displacement, state};
 use rt_core::{Command, Device, DeviceError, Fixture, Measurement, Tick};
 
-fn effects(list: &[(&str, &[f64])]) -> EffectSet<f64> {
+type EffectList<'a> = &'a [(&'a str, &'a [f64])];
+type Channel = fn(&Measurement) -> f64;
+
+fn effects(list: EffectList) -> EffectSet<f64> {
     EffectSet::new(STATES, list.iter().map(|(id, k)| (find(id).expect("in the library"), k.to_vec())))
 }
 
@@ -63,7 +66,7 @@ fn the_same_seed_gives_the_same_bits_and_another_only_other_noise() {
 
 #[test]
 fn a_free_lever_starts_in_its_equilibrium() {
-    let cases: [(bool, &[(&str, &[f64])]); 4] = [
+    let cases: [(bool, EffectList); 4] = [
         (false, &[]),
         (true, &[]),
         (false, &[("tilt", &[0.3, 0.4])]),
@@ -275,7 +278,7 @@ fn sensors_have_the_noise_that_was_set() {
     let step = noise.encoder_step_deg;
     let angle_std = (noise.angle_deg.powi(2) + step * step / 12.0).sqrt();
     let torque = (-4.0 * 7.0_f64.to_radians(), noise.torque_nm);
-    let cases: [(&str, fn(&Measurement) -> f64, (f64, f64)); 4] = [
+    let cases: [(&str, Channel, (f64, f64)); 4] = [
         ("angle", |m| m.angle_deg, (7.0, angle_std)),
         ("pressure 1", |m| m.pressure1_bar, (2.8, noise.pressure_bar)),
         ("pressure 2", |m| m.pressure2_bar, (2.8, noise.pressure_bar)),
@@ -373,4 +376,24 @@ fn skipped_ticks_hold_the_command() {
     every.read(Tick::at(199)).expect("reads");
     some.read(Tick::at(199)).expect("reads");
     assert_eq!(every.state(), some.state());
+}
+
+#[test]
+fn a_finer_integration_changes_a_minute_of_square_wave_by_less_than_a_millionth() {
+    let play = |step_s| {
+        let mut rig = rig(Settings { step_s, ..perfect() });
+        run(&mut rig, 0, 60_000, |k| Command { voltage_v: if (k / 2500) % 2 == 0 { 20.0 } else { -20.0 }, ..FREE })
+            .expect("runs")
+    };
+    let step_s = Settings::default().step_s;
+    let (coarse, fine) = (play(step_s), play(step_s / 2.0));
+    let largest = |value: Channel| {
+        let (low, high) = fine.iter().map(value).fold((f64::MAX, f64::MIN), |r, v| (r.0.min(v), r.1.max(v)));
+        let error = coarse.iter().zip(&fine).map(|(a, b)| (value(a) - value(b)).abs()).fold(0.0, f64::max);
+        error / (high - low)
+    };
+    let channels: [Channel; 3] = [|m| m.angle_deg, |m| m.pressure1_bar, |m| m.pressure2_bar];
+    for value in channels {
+        assert!(largest(value) < 1e-6, "{}", largest(value));
+    }
 }

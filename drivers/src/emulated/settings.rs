@@ -157,7 +157,7 @@ const PRESSURES_BAR: std::ops::RangeInclusive<f64> = 0.1..=20.0;
 pub(super) fn check_command(command: &Command, u_max_v: f64) -> Result<(), String> {
     let Command { voltage_v, brake_open, bypass_open, fixture, .. } = *command;
     // The last digits are those of a fraction times u_max.
-    if !(voltage_v.abs() <= u_max_v * (1.0 + 1e-12)) {
+    if voltage_v.is_nan() || voltage_v.abs() > u_max_v * (1.0 + 1e-12) {
         return Err(format!("expected a voltage within +-{u_max_v} V, got {voltage_v} V"));
     }
     let angle = |angle_deg: f64| {
