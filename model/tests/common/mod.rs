@@ -1,0 +1,50 @@
+//! Runs of the reference model that several tests need.
+#![allow(dead_code, reason = "each test binary takes what it needs")]
+
+use model::effects::EffectSet;
+use model::integrate::Integrator;
+use model::rec::{Circuit, Input, Lever, STATES};
+
+/// Inner step of the emulated rig, s.
+pub const RIG_STEP_S: f64 = 0.25e-3;
+/// Degrees in a radian.
+pub const DEGREES: f64 = 180.0 / std::f64::consts::PI;
+/// Rest in the middle of the range.
+pub const MIDDLE: [f64; STATES] = [0.0, 0.0, 3.5, 3.5, 0.0];
+
+/// Free lever in the horizontal plane on the pump, brake open.
+pub fn input(voltage_v: f64) -> Input {
+    Input {
+        voltage_v,
+        brake_open: true,
+        bypass_open: false,
+        vertical: false,
+        lever: Lever::Free,
+        circuit: Circuit::Pump,
+    }
+}
+
+/// Square wave of 0.9 u_max with half periods of 6 s, the first one half as long: the lever swings about its middle.
+pub fn square_wave(t: f64) -> f64 {
+    if ((t + 3.0) / 6.0 + 1e-9).floor() as i64 % 2 == 0 { 21.6 } else { -21.6 }
+}
+
+/// States at every millisecond of `seconds`, the first one included.
+pub fn run(
+    step_s: f64,
+    seconds: f64,
+    k: &[f64],
+    effects: &EffectSet<f64>,
+    start: [f64; STATES],
+    of: impl Fn(f64) -> Input,
+) -> Vec<[f64; STATES]> {
+    let integrator = Integrator::new(step_s);
+    let mut x = start;
+    let mut all = vec![x];
+    for i in 0..(seconds * 1e3).round() as usize {
+        let t = i as f64 * 1e-3;
+        integrator.advance(&of(t), k, effects, t, 1e-3, &mut x).expect("the run stays in the model's range");
+        all.push(x);
+    }
+    all
+}
