@@ -72,6 +72,8 @@ pub struct HydraulicPort<S> {
     /// Slope over the angle of the oil stored by pressure, taken from 2.5 bar: d/dphi of the integral of the capacity over
     /// pressure, ml/rad.
     pub stored_slope_ml_rad: [S; 2],
+    /// Torque of the chambers on the lever by the base model, Nm.
+    pub actuator_torque_nm: S,
     /// The chambers are shut off one by one at their ports (bench experiments), not by the brake valve.
     pub shut_off: bool,
 }
@@ -138,6 +140,8 @@ pub struct Rest<S> {
     pub angle_rad: S,
     /// Chamber pressures, bar absolute.
     pub pressure_bar: [S; 2],
+    /// Torque of the chambers on the lever by the base model, Nm.
+    pub actuator_torque_nm: S,
     /// Torque that is not balanced by the base model at rest (friction must hold it), Nm.
     pub torque_nm: S,
     /// Voltage, V.

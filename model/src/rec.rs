@@ -218,6 +218,8 @@ pub fn derivative<S: Scalar>(
         flow
     };
 
+    let actuator_torque_nm = torque(k, angle, dp);
+
     // chambers, eqs. (7), (8)
     let mut hydraulic = HydraulicPort {
         time_s: t,
@@ -232,6 +234,7 @@ pub fn derivative<S: Scalar>(
         },
         displacement_ml_rad: displacement(k, angle),
         stored_slope_ml_rad: [S::zero(); 2],
+        actuator_torque_nm,
         shut_off,
     };
     if effects.touches(PortKind::Hydraulic) && input.circuit != Circuit::Bench {
@@ -270,7 +273,7 @@ pub fn derivative<S: Scalar>(
         dp_bar: dp,
         load_bar: pressure[0] + pressure[1] - 2.0 * AMBIENT_BAR,
         vertical: input.vertical,
-        torque_nm: torque(k, angle, dp),
+        torque_nm: actuator_torque_nm,
     };
     if input.vertical {
         mechanical.torque_nm -= k[G] * angle.sin();
@@ -320,13 +323,15 @@ pub fn shown<S: Scalar>(effects: &EffectSet<S>, t: f64, x: &[S], scratch: &mut [
 pub fn rest_states<S: Scalar>(input: &Input, k: &[S], effects: &EffectSet<S>, x: &mut [S]) {
     let pressure = [x[state::PRESSURE1], x[state::PRESSURE2]];
     let angle = x[state::ANGLE];
-    let mut torque_nm = torque(k, angle, pressure[0] - pressure[1]);
+    let actuator_torque_nm = torque(k, angle, pressure[0] - pressure[1]);
+    let mut torque_nm = actuator_torque_nm;
     if input.vertical {
         torque_nm -= k[G] * angle.sin();
     }
     let rest = Rest {
         angle_rad: angle,
         pressure_bar: pressure,
+        actuator_torque_nm,
         torque_nm,
         voltage_v: input.voltage_v,
         brake_open: input.brake_open,

@@ -24,8 +24,8 @@ impl Law for DisplacementPressure {
         literature: "paper, eq. (14), v_1i and v_2i at p_i = 1..6 bar",
         parameters: &[
             Parameter { name: "closure", unit: "1", lower: -5.0, upper: 8.0, typical: 0.2, size: true },
-            Parameter { name: "slope", unit: "ml/(rad bar)", lower: -20.0, upper: 20.0, typical: 0.5, size: true },
-            Parameter { name: "bend", unit: "ml/(rad2 bar)", lower: -20.0, upper: 20.0, typical: 0.5, size: true },
+            Parameter { name: "slope", unit: "ml/(rad bar)", lower: -8.0, upper: 8.0, typical: 0.5, size: true },
+            Parameter { name: "bend", unit: "ml/(rad2 bar)", lower: -10.0, upper: 10.0, typical: 0.5, size: true },
         ],
         states: 0,
         starts: &[

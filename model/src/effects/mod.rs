@@ -7,6 +7,7 @@ use crate::port::{Port, PortKind, Rest};
 use crate::scalar::{Scalar, Tangent};
 
 mod angle_offset;
+mod backlash;
 mod brake_valve_lag;
 mod chamber_asymmetry;
 mod cross_leakage;
@@ -36,6 +37,7 @@ pub static LIBRARY: &[&dyn Effect] = &[
     &stribeck_friction::StribeckFriction,
     &elastic_hysteresis::ElasticHysteresis,
     &end_stop::EndStop,
+    &backlash::Backlash,
     &cross_leakage::CrossLeakage,
     &external_leakage::ExternalLeakage,
     &chamber_asymmetry::ChamberAsymmetry,

@@ -149,6 +149,7 @@ fn the_contracts_ids_are_there_with_their_balances() {
         (Torque, "elastic_hysteresis"),
         (Torque, "tilt"),
         (Torque, "end_stop"),
+        (Torque, "backlash"),
         (Flow, "external_leakage"),
         (Flow, "cross_leakage"),
         (Flow, "chamber_asymmetry"),

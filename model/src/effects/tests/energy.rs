@@ -57,6 +57,7 @@ fn drawn(effect: &dyn Effect, k: &[f64], x: &[f64], dx: &mut [f64], path: &Path,
                     capacity_ml_bar: [0.0; 2],
                     displacement_ml_rad: [0.0; 2],
                     stored_slope_ml_rad: [0.0; 2],
+                    actuator_torque_nm: 0.0,
                     shut_off: false,
                 };
                 effect.act_value(k, x, dx, &mut Port::Hydraulic(&mut h));
@@ -136,6 +137,7 @@ fn chambers(pressure_bar: [f64; 2]) -> HydraulicPort<f64> {
         capacity_ml_bar: [2.0; 2],
         displacement_ml_rad: [70.0, -70.0],
         stored_slope_ml_rad: [0.0; 2],
+        actuator_torque_nm: 0.0,
         shut_off: false,
     }
 }

@@ -1,0 +1,73 @@
+//! Every effect can be simulated at the step that identification takes, wherever a search within its bounds may go.
+
+mod common;
+
+use common::{MIDDLE, input};
+use model::Parameters;
+use model::effects::{EffectSet, LIBRARY, Parameter};
+use model::integrate::{Integrator, SimulationError};
+use model::rec::{self, Input, STATES, state::*};
+
+/// Reversals twice a second, the brake closed and the bypass open for a moment.
+fn wave(t: f64) -> Input {
+    let half = (t / 0.5 + 1e-9) as usize;
+    Input {
+        brake_open: !(0.8..0.9).contains(&t),
+        bypass_open: (1.6..1.7).contains(&t),
+        ..input(if half.is_multiple_of(2) { 21.6 } else { -21.6 })
+    }
+}
+
+#[test]
+fn every_effect_with_a_millisecond_step() {
+    let k = Parameters::example().to_vector();
+    for effect in LIBRARY {
+        let h = effect.header();
+        for start in h.starts {
+            let effects = EffectSet::new(STATES, [(*effect, start.to_vec())]);
+            let mut coarse = MIDDLE.to_vec();
+            coarse.resize(STATES + h.states, 0.0);
+            rec::rest_states(&wave(0.0), &k, &effects, &mut coarse);
+            let mut fine = coarse.clone();
+            let steps = [Integrator::for_plant(1e-3, &k, &effects, &wave(0.0), &coarse), Integrator::new(0.1e-3)];
+            let mut worst: [f64; 3] = [0.0; 3];
+            for i in 0..3000 {
+                let t = i as f64 * 1e-3;
+                for (step, x) in steps.iter().zip([&mut coarse, &mut fine]) {
+                    step.advance(&wave(t), &k, &effects, t, 1e-3, x).expect("in range");
+                }
+                for (w, i) in worst.iter_mut().zip([ANGLE, PRESSURE1, PRESSURE2]) {
+                    *w = w.max((coarse[i] - fine[i]).abs());
+                }
+            }
+            // far below any sensor's noise
+            assert!(worst[0] < 1e-6 && worst[1] < 3e-4 && worst[2] < 3e-4, "{} {start:?}: {worst:?}", h.id);
+        }
+    }
+}
+
+#[test]
+fn no_bound_of_an_effect_breaks_the_simulation() {
+    let k = Parameters::example().to_vector();
+    for effect in LIBRARY {
+        let h = effect.header();
+        for corner in 0..1u32 << h.parameters.len() {
+            let at = |(i, p): (usize, &Parameter)| if corner >> i & 1 == 0 { p.lower } else { p.upper };
+            let parameters: Vec<f64> = h.parameters.iter().enumerate().map(at).collect();
+            let effects = EffectSet::new(STATES, [(*effect, parameters.clone())]);
+            let mut x = MIDDLE.to_vec();
+            x.resize(STATES + h.states, 0.0);
+            rec::rest_states(&wave(0.0), &k, &effects, &mut x);
+            let step = Integrator::for_plant(1e-3, &k, &effects, &wave(0.0), &x);
+            for i in 0..2000 {
+                let t = i as f64 * 1e-3;
+                match step.advance(&wave(t), &k, &effects, t, 1e-3, &mut x) {
+                    Ok(()) => {}
+                    // a gross leak may empty a chamber
+                    Err(SimulationError::Pressure { .. }) => break,
+                    Err(other) => panic!("{} {parameters:?}: {other}", h.id),
+                }
+            }
+        }
+    }
+}
