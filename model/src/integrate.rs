@@ -52,26 +52,14 @@ struct Plant<'a> {
 impl Plant<'_> {
     #[inline(always)]
     fn derivative(&self, input: &Input, t: f64, x: &Buffer, dx: &mut Buffer) -> Derived<f64> {
-        rec::derivative(
-            input,
-            self.k,
-            self.effects,
-            t,
-            &x[..self.states],
-            &mut dx[..self.states],
-        )
+        rec::derivative(input, self.k, self.effects, t, &x[..self.states], &mut dx[..self.states])
     }
 
     /// A classical Runge-Kutta step; `k1` is the derivative at its start.
     #[inline(always)]
     fn step(&self, input: &Input, t: f64, h: f64, x: &Buffer, k1: &Buffer, out: &mut Buffer) {
         let n = self.states;
-        let (mut k2, mut k3, mut k4, mut y) = (
-            [0.0; MOST_STATES],
-            [0.0; MOST_STATES],
-            [0.0; MOST_STATES],
-            *x,
-        );
+        let (mut k2, mut k3, mut k4, mut y) = ([0.0; MOST_STATES], [0.0; MOST_STATES], [0.0; MOST_STATES], *x);
         for i in 0..n {
             y[i] = x[i] + 0.5 * h * k1[i];
         }
@@ -103,18 +91,8 @@ impl Integrator {
 
     /// Inner steps of at most `longest_s`, fewer where the plant near `x` is stiffer than such a step can follow:
     /// near zero velocity the losses have a time constant of 1..2 ms, and effects may add to that.
-    pub fn for_plant(
-        longest_s: f64,
-        k: &[f64],
-        effects: &EffectSet<f64>,
-        input: &Input,
-        x: &[f64],
-    ) -> Self {
-        let plant = Plant {
-            k,
-            effects,
-            states: x.len(),
-        };
+    pub fn for_plant(longest_s: f64, k: &[f64], effects: &EffectSet<f64>, input: &Input, x: &[f64]) -> Self {
+        let plant = Plant { k, effects, states: x.len() };
         let mut at = [0.0; MOST_STATES];
         at[..x.len()].copy_from_slice(x);
         at[state::VELOCITY] = 0.0;
@@ -130,14 +108,8 @@ impl Integrator {
             rate = rate.max(-(slope[i] - base[i]) / step);
         }
         // a Runge-Kutta step is stable up to 2.8 time constants and accurate to 1e-3 of a decay at 1
-        let h = if rate > 0.0 {
-            longest_s.min(1.0 / rate)
-        } else {
-            longest_s
-        };
-        Integrator {
-            longest_s: h.max(longest_s / 40.0),
-        }
+        let h = if rate > 0.0 { longest_s.min(1.0 / rate) } else { longest_s };
+        Integrator { longest_s: h.max(longest_s / 40.0) }
     }
 
     /// Length of the longest inner step, s.
@@ -155,26 +127,19 @@ impl Integrator {
         dt: f64,
         x: &mut [f64],
     ) -> Result<(), SimulationError> {
-        let plant = Plant {
-            k,
-            effects,
-            states: x.len(),
-        };
+        let plant = Plant { k, effects, states: x.len() };
         let steps = (dt / self.longest_s - 1e-9).ceil().max(1.0);
         let h = dt / steps;
         let mut now = [0.0; MOST_STATES];
         now[..x.len()].copy_from_slice(x);
-        let (mut next, mut k1, mut k_next) =
-            ([0.0; MOST_STATES], [0.0; MOST_STATES], [0.0; MOST_STATES]);
+        let (mut next, mut k1, mut k_next) = ([0.0; MOST_STATES], [0.0; MOST_STATES], [0.0; MOST_STATES]);
         let mut branches = plant.derivative(input, t, &now, &mut k1).branches;
         for i in 0..steps as usize {
             let mut at = t + i as f64 * h;
             let mut left = h;
             for split in 0.. {
                 plant.step(input, at, left, &now, &k1, &mut next);
-                let arrived = plant
-                    .derivative(input, at + left, &next, &mut k_next)
-                    .branches;
+                let arrived = plant.derivative(input, at + left, &next, &mut k_next).branches;
                 if arrived == branches || split == MOST_SPLITS {
                     now = next;
                     k1 = k_next;
@@ -186,20 +151,14 @@ impl Integrator {
                 for _ in 0..HALVINGS {
                     let middle = 0.5 * (before + beyond);
                     plant.step(input, at, middle, &now, &k1, &mut next);
-                    if plant
-                        .derivative(input, at + middle, &next, &mut k_next)
-                        .branches
-                        == branches
-                    {
+                    if plant.derivative(input, at + middle, &next, &mut k_next).branches == branches {
                         before = middle;
                     } else {
                         beyond = middle;
                     }
                 }
                 plant.step(input, at, beyond, &now, &k1, &mut next);
-                branches = plant
-                    .derivative(input, at + beyond, &next, &mut k_next)
-                    .branches;
+                branches = plant.derivative(input, at + beyond, &next, &mut k_next).branches;
                 now = next;
                 k1 = k_next;
                 at += beyond;
@@ -221,11 +180,7 @@ fn check(time_s: f64, x: &[f64]) -> Result<(), SimulationError> {
     }
     for (chamber, i) in [(1, state::PRESSURE1), (2, state::PRESSURE2)] {
         if x[i] <= LEAST_PRESSURE_BAR {
-            return Err(SimulationError::Pressure {
-                time_s,
-                chamber,
-                pressure_bar: x[i],
-            });
+            return Err(SimulationError::Pressure { time_s, chamber, pressure_bar: x[i] });
         }
     }
     Ok(())
@@ -249,12 +204,7 @@ pub struct Sensitivity {
 impl Sensitivity {
     /// Starts at zero: `columns` columns, the first of which belong to the seeded parameters of [`Seeds`].
     pub fn new(states: usize, columns: usize) -> Self {
-        Sensitivity {
-            states,
-            columns,
-            s: vec![0.0; states * columns],
-            rate: vec![0.0; states * columns],
-        }
+        Sensitivity { states, columns, s: vec![0.0; states * columns], rate: vec![0.0; states * columns] }
     }
 
     /// d x_state / d column.
@@ -320,11 +270,7 @@ impl Sensitivity {
 }
 
 /// Integral of exp(A t) over 0..dt by its series; the steps are short enough (|A| dt of order 1) for eight terms.
-fn exponential_integral(
-    a: &[[f64; MOST_STATES]; MOST_STATES],
-    n: usize,
-    dt: f64,
-) -> [[f64; MOST_STATES]; MOST_STATES] {
+fn exponential_integral(a: &[[f64; MOST_STATES]; MOST_STATES], n: usize, dt: f64) -> [[f64; MOST_STATES]; MOST_STATES] {
     let mut sum = [[0.0; MOST_STATES]; MOST_STATES];
     let mut term = [[0.0; MOST_STATES]; MOST_STATES];
     for i in 0..n {
@@ -381,17 +327,9 @@ impl Seeds {
         let mut first = 0;
         loop {
             let count = room.min(columns - first);
-            let (k, effects) = build(&|column| {
-                (first..first + count)
-                    .contains(&column)
-                    .then(|| states + column - first)
-            });
-            packs.push(Pack {
-                first,
-                count,
-                k,
-                effects,
-            });
+            let (k, effects) =
+                build(&|column| (first..first + count).contains(&column).then(|| states + column - first));
+            packs.push(Pack { first, count, k, effects });
             first += count;
             if first >= columns {
                 return Seeds { packs };

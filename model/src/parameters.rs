@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 
 /// Names of the plant's parameters in the order of the parameter vector.
 pub const NAMES: [&str; COUNT] = [
-    "m1", "m2", "m3", "h1", "h2", "h3", "a1", "a2", "v1", "v2", "f1", "f2", "f3", "f4", "l1", "l2",
-    "l3", "l4", "a", "J", "G", "k_b",
+    "m1", "m2", "m3", "h1", "h2", "h3", "a1", "a2", "v1", "v2", "f1", "f2", "f3", "f4", "l1", "l2", "l3", "l4", "a",
+    "J", "G", "k_b",
 ];
 /// Units, in the same order.
 pub const UNITS: [&str; COUNT] = [
@@ -140,33 +140,11 @@ impl Parameters {
     /// The example of the contract: sizes as in the paper's figures.
     pub fn example() -> Self {
         Parameters {
-            torque: Torque {
-                m1: -1.6,
-                m2: -4.0,
-                m3: 6.8,
-            },
-            capacity: Capacity {
-                h1: 7.6,
-                h2: -1.5,
-                h3: 0.9,
-                a1: 0.008,
-                a2: 0.0,
-            },
+            torque: Torque { m1: -1.6, m2: -4.0, m3: 6.8 },
+            capacity: Capacity { h1: 7.6, h2: -1.5, h3: 0.9, a1: 0.008, a2: 0.0 },
             displacement: Displacement { v1: -9.0, v2: 68.0 },
-            pump: Pump {
-                f1: 0.61,
-                f2: 0.005,
-                f3: -0.25,
-                f4: -0.60,
-                u_max: 24.0,
-            },
-            losses: Losses {
-                l1: 1.2,
-                l2: 2.4,
-                l3: 1.1,
-                l4: 57.424,
-                a: 0.02,
-            },
+            pump: Pump { f1: 0.61, f2: 0.005, f3: -0.25, f4: -0.60, u_max: 24.0 },
+            losses: Losses { l1: 1.2, l2: 2.4, l3: 1.1, l4: 57.424, a: 0.02 },
             load: Load { J: 0.085, G: 4.0 },
             valves: Valves { k_b: 40.0 },
         }
@@ -174,51 +152,21 @@ impl Parameters {
 
     /// The parameter vector, in the order of [`NAMES`].
     pub fn to_vector(&self) -> [f64; COUNT] {
-        let Parameters {
-            torque: t,
-            capacity: c,
-            displacement: d,
-            pump: f,
-            losses: l,
-            load,
-            valves,
-        } = self;
+        let Parameters { torque: t, capacity: c, displacement: d, pump: f, losses: l, load, valves } = self;
         [
-            t.m1, t.m2, t.m3, c.h1, c.h2, c.h3, c.a1, c.a2, d.v1, d.v2, f.f1, f.f2, f.f3, f.f4,
-            l.l1, l.l2, l.l3, l.l4, l.a, load.J, load.G, valves.k_b,
+            t.m1, t.m2, t.m3, c.h1, c.h2, c.h3, c.a1, c.a2, d.v1, d.v2, f.f1, f.f2, f.f3, f.f4, l.l1, l.l2, l.l3, l.l4,
+            l.a, load.J, load.G, valves.k_b,
         ]
     }
 
     /// The inverse of [`Self::to_vector`]; `u_max` in V is not part of the vector.
     pub fn from_vector(v: &[f64; COUNT], u_max: f64) -> Self {
         Parameters {
-            torque: Torque {
-                m1: v[0],
-                m2: v[1],
-                m3: v[2],
-            },
-            capacity: Capacity {
-                h1: v[3],
-                h2: v[4],
-                h3: v[5],
-                a1: v[6],
-                a2: v[7],
-            },
+            torque: Torque { m1: v[0], m2: v[1], m3: v[2] },
+            capacity: Capacity { h1: v[3], h2: v[4], h3: v[5], a1: v[6], a2: v[7] },
             displacement: Displacement { v1: v[8], v2: v[9] },
-            pump: Pump {
-                f1: v[10],
-                f2: v[11],
-                f3: v[12],
-                f4: v[13],
-                u_max,
-            },
-            losses: Losses {
-                l1: v[14],
-                l2: v[15],
-                l3: v[16],
-                l4: v[17],
-                a: v[18],
-            },
+            pump: Pump { f1: v[10], f2: v[11], f3: v[12], f4: v[13], u_max },
+            losses: Losses { l1: v[14], l2: v[15], l3: v[16], l4: v[17], a: v[18] },
             load: Load { J: v[19], G: v[20] },
             valves: Valves { k_b: v[21] },
         }
@@ -277,61 +225,36 @@ pub enum ModelError {
 impl ModelFile {
     /// A plain model.
     pub fn plain(parameters: Parameters) -> Self {
-        ModelFile {
-            format: 1,
-            source: Default::default(),
-            parameters,
-            std: Default::default(),
-            effect: Vec::new(),
-        }
+        ModelFile { format: 1, source: Default::default(), parameters, std: Default::default(), effect: Vec::new() }
     }
 
     /// Reads and checks a file. Errors name file and line.
     pub fn read(path: &Path) -> Result<Self, ModelError> {
         let file = path.display().to_string();
-        let text = std::fs::read_to_string(path).map_err(|e| ModelError::Unreadable {
-            file: file.clone(),
-            why: e.to_string(),
-        })?;
+        let text = std::fs::read_to_string(path)
+            .map_err(|e| ModelError::Unreadable { file: file.clone(), why: e.to_string() })?;
         Self::parse(&text, &file)
     }
 
     /// Parses the text of a `model.toml`; `file` is for the messages.
     pub fn parse(text: &str, file: &str) -> Result<Self, ModelError> {
-        let invalid = |why: String| ModelError::Invalid {
-            file: file.to_string(),
-            why,
-        };
+        let invalid = |why: String| ModelError::Invalid { file: file.to_string(), why };
         let model: ModelFile = toml::from_str(text).map_err(|e| {
-            let line = e.span().map_or(0, |s| {
-                text[..s.start.min(text.len())].matches('\n').count() + 1
-            });
+            let line = e.span().map_or(0, |s| text[..s.start.min(text.len())].matches('\n').count() + 1);
             invalid(format!("line {line}: {}", e.message()))
         })?;
         if model.format != 1 {
-            return Err(invalid(format!(
-                "format: expected 1, got {}; this program reads format 1",
-                model.format
-            )));
+            return Err(invalid(format!("format: expected 1, got {}; this program reads format 1", model.format)));
         }
         for (name, value) in NAMES.iter().zip(model.parameters.to_vector()) {
             if !value.is_finite() {
-                return Err(invalid(format!(
-                    "{name}: expected a finite number, got {value}"
-                )));
+                return Err(invalid(format!("{name}: expected a finite number, got {value}")));
             }
         }
         let p = &model.parameters;
-        for (name, value) in [
-            ("J", p.load.J),
-            ("u_max", p.pump.u_max),
-            ("a", p.losses.a),
-            ("k_b", p.valves.k_b),
-        ] {
+        for (name, value) in [("J", p.load.J), ("u_max", p.pump.u_max), ("a", p.losses.a), ("k_b", p.valves.k_b)] {
             if value <= 0.0 {
-                return Err(invalid(format!(
-                    "{name}: expected a positive number, got {value}"
-                )));
+                return Err(invalid(format!("{name}: expected a positive number, got {value}")));
             }
         }
         Ok(model)
@@ -354,14 +277,8 @@ mod tests {
         assert_eq!(Parameters::from_vector(&p.to_vector(), p.pump.u_max), p);
         let mut file = ModelFile::plain(p);
         file.std.insert("m1".into(), 0.1);
-        file.effect.push(AddedEffect {
-            id: "pump_lag".into(),
-            parameters: [("tau".to_string(), 1.0 / 3.0)].into(),
-        });
-        assert_eq!(
-            ModelFile::parse(&file.to_toml(), "model.toml").unwrap(),
-            file
-        );
+        file.effect.push(AddedEffect { id: "pump_lag".into(), parameters: [("tau".to_string(), 1.0 / 3.0)].into() });
+        assert_eq!(ModelFile::parse(&file.to_toml(), "model.toml").unwrap(), file);
     }
 
     #[test]

@@ -81,11 +81,7 @@ pub trait Scalar:
     }
     /// max(x, floor), slope 0 at and below the floor.
     fn at_least(self, floor: f64) -> Self {
-        if self.value() > floor {
-            self
-        } else {
-            Self::constant(floor)
-        }
+        if self.value() > floor { self } else { Self::constant(floor) }
     }
     /// 0.
     fn zero() -> Self {
@@ -154,10 +150,7 @@ impl<const N: usize> Dual<N> {
 impl Scalar for Tangent {
     #[inline(always)]
     fn constant(value: f64) -> Self {
-        Dual {
-            value,
-            slope: [0.0; LANES],
-        }
+        Dual { value, slope: [0.0; LANES] }
     }
     #[inline(always)]
     fn value(&self) -> f64 {
@@ -167,13 +160,7 @@ impl Scalar for Tangent {
     fn chain(self, value: f64, slope: f64) -> Self {
         self.scaled(value, slope)
     }
-    fn act(
-        effect: &dyn Effect,
-        k: &[Self],
-        x: &[Self],
-        dx: &mut [Self],
-        port: &mut Port<'_, Self>,
-    ) {
+    fn act(effect: &dyn Effect, k: &[Self], x: &[Self], dx: &mut [Self], port: &mut Port<'_, Self>) {
         effect.act_tangent(k, x, dx, port);
     }
     fn rest(effect: &dyn Effect, k: &[Self], rest: &crate::port::Rest<Self>, x: &mut [Self]) {
@@ -189,10 +176,7 @@ impl<const N: usize> Add for Dual<N> {
         for (s, b) in slope.iter_mut().zip(&o.slope) {
             *s += *b;
         }
-        Dual {
-            value: self.value + o.value,
-            slope,
-        }
+        Dual { value: self.value + o.value, slope }
     }
 }
 impl<const N: usize> Sub for Dual<N> {
@@ -203,10 +187,7 @@ impl<const N: usize> Sub for Dual<N> {
         for (s, b) in slope.iter_mut().zip(&o.slope) {
             *s -= *b;
         }
-        Dual {
-            value: self.value - o.value,
-            slope,
-        }
+        Dual { value: self.value - o.value, slope }
     }
 }
 impl<const N: usize> Mul for Dual<N> {
@@ -235,20 +216,14 @@ impl<const N: usize> Add<f64> for Dual<N> {
     type Output = Self;
     #[inline(always)]
     fn add(self, o: f64) -> Self {
-        Dual {
-            value: self.value + o,
-            slope: self.slope,
-        }
+        Dual { value: self.value + o, slope: self.slope }
     }
 }
 impl<const N: usize> Sub<f64> for Dual<N> {
     type Output = Self;
     #[inline(always)]
     fn sub(self, o: f64) -> Self {
-        Dual {
-            value: self.value - o,
-            slope: self.slope,
-        }
+        Dual { value: self.value - o, slope: self.slope }
     }
 }
 impl<const N: usize> Mul<f64> for Dual<N> {
@@ -315,10 +290,7 @@ mod tests {
             for (i, d) in dual.iter().enumerate() {
                 let expected = central(|x| all(x)[i], x);
                 assert_eq!(d.value, all(x)[i]);
-                assert!(
-                    (d.slope[3] - expected).abs() < 1e-6 * (1.0 + expected.abs()),
-                    "function {i} at {x}"
-                );
+                assert!((d.slope[3] - expected).abs() < 1e-6 * (1.0 + expected.abs()), "function {i} at {x}");
                 assert_eq!(d.slope[4], 0.0);
             }
         }

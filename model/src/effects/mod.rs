@@ -13,6 +13,7 @@ mod chamber_asymmetry;
 mod cross_leakage;
 mod displacement_pressure;
 mod elastic_hysteresis;
+pub mod empirical;
 mod end_stop;
 mod external_leakage;
 mod lag;

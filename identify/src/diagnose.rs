@@ -1,0 +1,467 @@
+//! From the residual to a named effect: score, refit, compare, accept or refuse.
+//!
+//! A candidate is added only when several judges agree: the score test's p-value over the whole library, the improvement
+//! cluster by cluster, its size against the noise floor, its parameters' intervals and physical bounds. What is then left of
+//! the residual decides between a known effect, two that can't be told apart, and none that is known.
+
+use model::effects::empirical::EMPIRICAL;
+use model::effects::{Balance, Effect, LIBRARY};
+use model::integrate::SimulationError;
+
+use crate::fit::{Effort, Fit};
+use crate::identification::{Identified, standard_errors};
+use crate::misfit::{self, Part};
+use crate::problem::Problem;
+use crate::refit::{Bases, Refit, advantage, refit};
+use crate::score::{Direction, Gram, Scene};
+use crate::significance::p_of_largest;
+
+/// What the diagnosis concludes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// The declared model explains the data.
+    None,
+    /// The effects that were added explain it.
+    Attributed,
+    /// Leading candidates can't be told apart.
+    Ambiguous,
+    /// No known effect explains it.
+    Unrecognised,
+}
+
+impl Verdict {
+    /// Word in `findings.json`.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Verdict::None => "none",
+            Verdict::Attributed => "attributed",
+            Verdict::Ambiguous => "ambiguous",
+            Verdict::Unrecognised => "unrecognised",
+        }
+    }
+}
+
+/// A candidate with how likely it is among those that were refitted.
+#[derive(Clone, Debug)]
+pub struct Ranked {
+    /// Id.
+    pub id: String,
+    /// Between 0 and 1.
+    pub probability: f64,
+}
+
+/// An effect that was added.
+#[derive(Clone, Debug)]
+pub struct Added {
+    /// The effect.
+    pub effect: &'static dyn Effect,
+    /// Among the candidates of its round.
+    pub probability: f64,
+    /// Ids that explain the data as well.
+    pub equivalent: Vec<String>,
+    /// Values in the order of the effect's header.
+    pub values: Vec<f64>,
+    /// Their standard errors.
+    pub std: Vec<f64>,
+}
+
+/// The result.
+pub struct Diagnosis {
+    /// Conclusion.
+    pub verdict: Verdict,
+    /// What was added (with verdict `Unrecognised`: the empirical term).
+    pub effects: Vec<Added>,
+    /// Candidates of the first round, the likeliest first.
+    pub ranking: Vec<Ranked>,
+    /// p-value by balance.
+    pub balances: Vec<(Balance, f64)>,
+    /// The model with what was added.
+    pub after: Fit,
+    /// Structured residual by run and channel before.
+    pub parts_before: Vec<Part>,
+    /// And after.
+    pub parts_after: Vec<Part>,
+    /// Share of the structured residual that what was added explains; 1 where nothing was to be explained.
+    pub explained: f64,
+    /// Run that would tell the leading candidates apart.
+    pub next_experiment: Option<String>,
+}
+
+/// Level of the score test over the whole library.
+const LEVEL: f64 = 0.01;
+/// Structured residual below this many noise floors (RMS) does not matter.
+const MATERIAL: f64 = 0.1;
+/// An effect counts as found when it explains at least this share of the structured residual.
+const EXPLAINED: f64 = 0.85;
+/// Standard errors (by clusters) by which one model must be better than another to be preferred.
+const PREFERRED: f64 = 3.0;
+/// Most effects that are added one after the other.
+const MOST_EFFECTS: usize = 3;
+
+/// A round of candidates at the current model.
+struct Round<'a> {
+    scene: Scene<'a>,
+    directions: Vec<Direction>,
+    gram: Gram,
+}
+
+impl<'a> Round<'a> {
+    fn new(
+        problem: &'a Problem,
+        fit: &'a Fit,
+        candidates: impl Iterator<Item = &'static dyn Effect>,
+    ) -> Result<Self, SimulationError> {
+        let scene = Scene::new(problem, fit)?;
+        let directions: Vec<Direction> = candidates.flat_map(|e| scene.directions(e)).collect();
+        let gram = Gram::new(&directions);
+        Ok(Round { scene, directions, gram })
+    }
+
+    /// Positions of an effect's directions that may be used, the best first.
+    fn of(&self, id: &str) -> Vec<usize> {
+        let mut out: Vec<usize> = (0..self.directions.len())
+            .filter(|&i| self.directions[i].effect.header().id == id && self.directions[i].gain() > 0.0)
+            .collect();
+        out.sort_by(|a, b| self.directions[*b].gain().total_cmp(&self.directions[*a].gain()));
+        out
+    }
+
+    /// p-value of the largest statistic among the directions of these effects.
+    fn p_value(&self, keep: impl Fn(&Direction) -> bool) -> f64 {
+        let chosen: Vec<&Direction> = self.directions.iter().filter(|d| keep(d)).collect();
+        let sums: Vec<Vec<f64>> = chosen.iter().map(|d| self.scene.cluster_sums(d)).collect();
+        let one_sided: Vec<bool> = chosen
+            .iter()
+            .map(|d| d.effect.header().parameters.iter().all(|p| !p.size || p.lower >= 0.0))
+            .collect();
+        p_of_largest(&sums, &one_sided, 20)
+    }
+
+    /// Sets of one effect, and the best of two where two together explain far more than either, the best first.
+    fn shortlist(&self, current: &[&'static str], most: usize) -> Vec<Vec<&'static dyn Effect>> {
+        let candidates: Vec<&'static dyn Effect> =
+            LIBRARY.iter().copied().filter(|e| !current.contains(&e.header().id)).collect();
+        let mut singles: Vec<(f64, usize)> = candidates
+            .iter()
+            .enumerate()
+            .map(|(n, e)| (self.gram.gain(&self.of(e.header().id)), n))
+            .filter(|(g, _)| *g > 0.0)
+            .collect();
+        singles.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let Some(&(top, _)) = singles.first() else { return Vec::new() };
+        let mut out: Vec<Vec<&'static dyn Effect>> =
+            singles.iter().take(most).filter(|(g, _)| *g > 0.1 * top).map(|(_, n)| vec![candidates[*n]]).collect();
+        let mut pair: Option<(f64, usize, usize)> = None;
+        for i in 0..candidates.len() {
+            for j in 0..i {
+                let both = [self.of(candidates[i].header().id), self.of(candidates[j].header().id)].concat();
+                let gain = self.gram.gain(&both);
+                if pair.is_none_or(|(g, _, _)| gain > g) {
+                    pair = Some((gain, i, j));
+                }
+            }
+        }
+        if let Some((gain, i, j)) = pair
+            && gain > 1.5 * top
+        {
+            out.push(vec![candidates[i], candidates[j]]);
+        }
+        out
+    }
+}
+
+/// Runs the whole chain.
+pub fn diagnose(identified: &Identified, progress: &dyn Fn(&str)) -> Result<Diagnosis, SimulationError> {
+    let problem = &identified.problem;
+    let component = identified.fit.layout.vector_of(&identified.component);
+    let mut current = identified.fit.clone();
+    let mut added: Vec<Added> = Vec::new();
+    let mut ranking: Vec<Ranked> = Vec::new();
+    let mut next_experiment = None;
+    let mut tie = false;
+
+    let first = Round::new(problem, &identified.fit, LIBRARY.iter().chain(EMPIRICAL.iter()).copied())?;
+    progress("candidates scored");
+    let residual_before = problem.residuals(&current.layout, &current.point)?;
+    let parts_before = misfit::parts(problem, &residual_before, &first.scene.clusters);
+    let (clusters, count) = (first.scene.clusters.clone(), first.scene.cluster_count);
+
+    for round_number in 0..MOST_EFFECTS {
+        let residual = problem.residuals(&current.layout, &current.point)?;
+        let parts = misfit::parts(problem, &residual, &clusters);
+        let ids: Vec<&'static str> = current.layout.effects.iter().map(|e| e.header().id).collect();
+        if misfit::largest(&parts) < MATERIAL {
+            break;
+        }
+        let later;
+        let round = if round_number == 0 {
+            &first
+        } else {
+            let open = LIBRARY.iter().copied().filter(|e| !ids.contains(&e.header().id));
+            later = Round::new(problem, &current, open)?;
+            &later
+        };
+        let library = |d: &Direction| LIBRARY.iter().any(|e| e.header().id == d.effect.header().id);
+        if round.p_value(library) > LEVEL {
+            break;
+        }
+        let gross = misfit::largest(&parts) > 1.5;
+        let shortlist = round.shortlist(&ids, if gross { 6 } else { 5 });
+        let bases = Bases { current: &current, component: &component };
+        let refits = refit_all(problem, &bases, round, &shortlist, progress);
+        let Some(best) = refits.first() else { break };
+        let after = problem.residuals(&best.fit.layout, &best.fit.point)?;
+        let (_, better) = advantage(&residual, &after, &clusters, count);
+        let remaining = misfit::parts(problem, &after, &clusters);
+        let removed = (misfit::total(&parts) - misfit::total(&remaining)).max(0.0).sqrt();
+        let std = standard_errors(problem, &best.fit)?;
+        let names = best.added.clone();
+        let sound = names.iter().all(|id| {
+            let n = best.fit.layout.effects.iter().position(|e| e.header().id == *id);
+            n.is_some_and(|n| is_sound(&best.fit, &std, n))
+        });
+        tracing::info!(?names, better, removed, sound, cost = best.fit.cost, "best candidate");
+        if better < PREFERRED || removed < MATERIAL || !sound {
+            if round_number == 0 {
+                ranking = rank(problem, &refits, &clusters, count)?;
+            }
+            break;
+        }
+        let ranked = rank(problem, &refits, &clusters, count)?;
+        let rivals = rivals(problem, &refits, &clusters, count)?;
+        if let Some(rival) = rivals.first() {
+            next_experiment = Some(where_they_differ(identified, &best.fit, &rival.fit)?);
+            tie = true;
+        }
+        for id in &names {
+            let n = best.fit.layout.effects.iter().position(|e| e.header().id == *id).unwrap_or(0);
+            added.push(Added {
+                effect: best.fit.layout.effects[n],
+                probability: ranked.iter().find(|r| r.id == *id).map_or(0.5, |r| r.probability),
+                equivalent: rivals.iter().flat_map(|r| r.added.iter().map(|s| s.to_string())).collect(),
+                values: Vec::new(),
+                std: Vec::new(),
+            });
+        }
+        if ranking.is_empty() {
+            ranking = ranked;
+        }
+        current = best.fit.clone();
+        progress(&format!("added {}", names.join(" and ")));
+    }
+
+    let last = Round::new(problem, &current, LIBRARY.iter().chain(EMPIRICAL.iter()).copied().filter(|e| {
+        !current.layout.effects.iter().any(|a| a.header().id == e.header().id)
+    }))?;
+    let residual_after = problem.residuals(&current.layout, &current.point)?;
+    let mut parts_after = misfit::parts(problem, &residual_after, &clusters);
+    let mut explained = explained_share(&parts_before, &parts_after);
+    let left = misfit::largest(&parts_after);
+    let unexplained = left >= MATERIAL
+        && (added.is_empty() || explained < EXPLAINED)
+        && last.p_value(|_| true) <= LEVEL;
+    let mut verdict = if added.is_empty() {
+        Verdict::None
+    } else if tie {
+        Verdict::Ambiguous
+    } else {
+        Verdict::Attributed
+    };
+    let mut after = current.clone();
+    if unexplained
+        && let Some((effect, fit)) = empirical(problem, identified, &component, &first, progress)
+    {
+        let residual = problem.residuals(&fit.layout, &fit.point)?;
+        let parts = misfit::parts(problem, &residual, &clusters);
+        let share = explained_share(&parts_before, &parts);
+        tracing::info!(balance = effect.header().balance.as_str(), share, explained, "empirical term");
+        // coloured sensor noise is no misfit of the plant: the terms must explain a good part of it
+        if share > 0.3 {
+            verdict = Verdict::Unrecognised;
+            added = vec![Added { effect, probability: 1.0, equivalent: Vec::new(), values: Vec::new(), std: Vec::new() }];
+            after = fit;
+            parts_after = parts;
+            explained = share;
+        }
+    }
+    let balances = balance_p_values(&first, &last, &added);
+    fill_values(problem, &after, &mut added)?;
+    if verdict == Verdict::None {
+        after = identified.fit.clone();
+        explained = 1.0;
+    }
+    Ok(Diagnosis { verdict, effects: added, ranking, balances, after, parts_before, parts_after, explained, next_experiment })
+}
+
+/// 1 - structured residual after / before, over the parts that decide.
+fn explained_share(before: &[Part], after: &[Part]) -> f64 {
+    let total = misfit::total(before);
+    if total > 0.0 { 1.0 - misfit::total(after) / total } else { 1.0 }
+}
+
+/// Refits each set of the shortlist; the lowest cost first.
+fn refit_all(
+    problem: &Problem,
+    bases: &Bases,
+    round: &Round,
+    shortlist: &[Vec<&'static dyn Effect>],
+    progress: &dyn Fn(&str),
+) -> Vec<Refit> {
+    let mut out: Vec<Refit> = Vec::new();
+    for set in shortlist {
+        let best = out.iter().map(|r| r.fit.cost).fold(f64::INFINITY, f64::min);
+        let added: Vec<(&'static dyn Effect, Vec<&Direction>)> = set
+            .iter()
+            .map(|e| (*e, round.of(e.header().id).into_iter().map(|i| &round.directions[i]).collect()))
+            .collect();
+        let effort = Effort { iterations: 14, tolerance: 3e-4, hopeless_above: best * 1.5, patience: 4 };
+        if let Some(r) = refit(problem, bases, &added, effort) {
+            let names: Vec<&str> = r.added.clone();
+            progress(&format!("{} refitted: cost {:.0} from {:.0}", names.join(" + "), r.fit.cost, bases.current.cost));
+            out.push(r);
+        }
+    }
+    out.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
+    // the leaders are brought to their minimum before they are compared
+    for r in out.iter_mut().take(2) {
+        let effort = Effort { iterations: 10, tolerance: 1e-6, ..Effort::default() };
+        if let Ok(fit) = crate::fit::fit(problem, &r.fit.layout, r.fit.point.clone(), effort) {
+            r.fit = fit;
+        }
+    }
+    out.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
+    out
+}
+
+/// The effect's size is known to be other than zero and not pressed against an upper bound.
+fn is_sound(fit: &Fit, std: &[f64], n: usize) -> bool {
+    let first = fit.layout.first_of(n);
+    let parameters = fit.layout.effects[n].header().parameters;
+    let mut known = false;
+    for (i, p) in parameters.iter().enumerate().filter(|(_, p)| p.size) {
+        let value = fit.point.theta[first + i];
+        if value >= p.upper || (p.lower < 0.0 && value <= p.lower) {
+            return false;
+        }
+        known |= value.abs() > 3.0 * std[first + i];
+    }
+    known
+}
+
+/// Candidates that the clusters don't tell from the best one.
+fn rivals(problem: &Problem, refits: &[Refit], clusters: &[Vec<usize>], count: usize) -> Result<Vec<Refit>, SimulationError> {
+    let best = problem.residuals(&refits[0].fit.layout, &refits[0].fit.point)?;
+    let mut out = Vec::new();
+    for r in &refits[1..] {
+        // a set that contains the best one is a refinement, not a rival
+        if r.added.iter().any(|id| refits[0].added.contains(id)) {
+            continue;
+        }
+        let other = problem.residuals(&r.fit.layout, &r.fit.point)?;
+        let (_, z) = advantage(&other, &best, clusters, count);
+        if z < PREFERRED {
+            out.push(r.clone());
+        }
+    }
+    Ok(out)
+}
+
+/// Probabilities of the refitted candidates from how far they stand behind the best, in standard errors.
+fn rank(problem: &Problem, refits: &[Refit], clusters: &[Vec<usize>], count: usize) -> Result<Vec<Ranked>, SimulationError> {
+    let Some(first) = refits.first() else { return Ok(Vec::new()) };
+    let best = problem.residuals(&first.fit.layout, &first.fit.point)?;
+    let mut weights = Vec::new();
+    for r in refits {
+        let other = problem.residuals(&r.fit.layout, &r.fit.point)?;
+        let (total, z) = advantage(&other, &best, clusters, count);
+        let weight = (-0.5 * z.max(0.0).powi(2)).exp().max((-0.5 * total.max(0.0)).exp());
+        weights.push(weight);
+    }
+    let sum: f64 = weights.iter().sum();
+    Ok(refits
+        .iter()
+        .zip(weights)
+        .map(|(r, w)| Ranked { id: r.added.join("+"), probability: w / sum })
+        .collect())
+}
+
+/// The run in which two models differ most, as advice.
+fn where_they_differ(identified: &Identified, a: &Fit, b: &Fit) -> Result<String, SimulationError> {
+    let problem = &identified.problem;
+    let ra = problem.residuals(&a.layout, &a.point)?;
+    let rb = problem.residuals(&b.layout, &b.point)?;
+    let mut by_run: std::collections::BTreeMap<usize, (f64, usize)> = Default::default();
+    for ((s, x), y) in problem.stretches.iter().zip(&ra).zip(&rb) {
+        let e = by_run.entry(s.run).or_default();
+        for ((x, y), t) in x.iter().zip(y).zip(&s.targets) {
+            e.0 += (x - y).powi(2);
+            e.1 += t.samples;
+        }
+    }
+    let (run, (sum, n)) = by_run
+        .into_iter()
+        .max_by(|a, b| (a.1.0 / a.1.1 as f64).total_cmp(&(b.1.0 / b.1.1 as f64)))
+        .unwrap_or((0, (0.0, 1)));
+    let protocol = problem.stretches.iter().find(|s| s.run == run).map_or("", |s| s.protocol.as_str());
+    Ok(format!(
+        "another {protocol} run, several times as long or with larger amplitude: there the leading candidates differ most ({:.2} noise floors RMS)",
+        (sum / n as f64).sqrt()
+    ))
+}
+
+/// The balance whose nameless terms explain most, refitted.
+fn empirical(
+    problem: &Problem,
+    identified: &Identified,
+    component: &[f64],
+    first: &Round,
+    progress: &dyn Fn(&str),
+) -> Option<(&'static dyn Effect, Fit)> {
+    let mut gains: Vec<(f64, &'static dyn Effect)> =
+        EMPIRICAL.iter().map(|e| (first.gram.gain(&first.of(e.header().id)), *e)).collect();
+    gains.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let bases = Bases { current: &identified.fit, component };
+    let mut best: Option<(&'static dyn Effect, Fit)> = None;
+    for (_, effect) in gains.into_iter().take(3) {
+        let directions: Vec<&Direction> =
+            first.of(effect.header().id).into_iter().map(|i| &first.directions[i]).collect();
+        let effort = Effort { iterations: 10, tolerance: 1e-3, ..Effort::default() };
+        if let Some(r) = refit(problem, &bases, &[(effect, directions)], effort) {
+            progress(&format!("{} fitted: cost {:.0} from {:.0}", effect.header().id, r.fit.cost, identified.fit.cost));
+            if best.as_ref().is_none_or(|(_, f)| r.fit.cost < f.cost) {
+                best = Some((effect, r.fit));
+            }
+        }
+    }
+    best
+}
+
+/// p-value by balance: of a balance in which something was added, under the declared model; of the others, with that added,
+/// so that one effect does not light up every balance.
+fn balance_p_values(first: &Round, last: &Round, added: &[Added]) -> Vec<(Balance, f64)> {
+    Balance::ALL
+        .into_iter()
+        .map(|b| {
+            let own = added.iter().any(|a| a.effect.header().balance == b);
+            let round = if own || added.is_empty() { first } else { last };
+            (b, round.p_value(|d| d.effect.header().balance == b))
+        })
+        .collect()
+}
+
+/// Values and standard errors of what was added, from the final fit.
+fn fill_values(problem: &Problem, fit: &Fit, added: &mut [Added]) -> Result<(), SimulationError> {
+    if added.is_empty() {
+        return Ok(());
+    }
+    let std = standard_errors(problem, fit)?;
+    for a in added {
+        let id = a.effect.header().id;
+        if let Some(n) = fit.layout.effects.iter().position(|e| e.header().id == id) {
+            let range = fit.layout.first_of(n)..fit.layout.first_of(n) + a.effect.header().parameters.len();
+            a.values = fit.point.theta[range.clone()].to_vec();
+            a.std = std[range].to_vec();
+        }
+    }
+    Ok(())
+}

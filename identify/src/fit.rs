@@ -1,0 +1,168 @@
+//! Levenberg-Marquardt on normal equations, within bounds.
+
+use model::integrate::SimulationError;
+use nalgebra::{DMatrix, DVector};
+
+use crate::layout::Layout;
+use crate::problem::{Point, Problem};
+
+/// When to stop.
+#[derive(Clone, Copy, Debug)]
+pub struct Effort {
+    /// Most linearisations.
+    pub iterations: usize,
+    /// Relative decrease of the cost below which the minimum counts as reached.
+    pub tolerance: f64,
+    /// Give up when, after `patience` iterations, the cost is still above this.
+    pub hopeless_above: f64,
+    /// See `hopeless_above`.
+    pub patience: usize,
+}
+
+impl Default for Effort {
+    fn default() -> Self {
+        Effort { iterations: 25, tolerance: 1e-6, hopeless_above: f64::INFINITY, patience: 4 }
+    }
+}
+
+/// A fitted point.
+#[derive(Clone, Debug)]
+pub struct Fit {
+    /// What was free.
+    pub layout: Layout,
+    /// Where it ended.
+    pub point: Point,
+    /// Weighted sum of squares there.
+    pub cost: f64,
+    /// The tolerance was reached.
+    pub converged: bool,
+}
+
+/// Minimises the problem's cost from `start`.
+pub fn fit(problem: &Problem, layout: &Layout, start: Point, effort: Effort) -> Result<Fit, SimulationError> {
+    let bounds = layout.bounds();
+    let mut point = start;
+    clip(&mut point.theta, &bounds);
+    let mut cost = problem.cost_of(&problem.residuals(layout, &point)?, &point);
+    let mut damping = 1e-3;
+    let mut growth = 2.0;
+    let mut converged = false;
+    'outer: for iteration in 0..effort.iterations {
+        if iteration >= effort.patience && cost > effort.hopeless_above {
+            break;
+        }
+        let pieces = problem.linearise(layout, &point)?;
+        let normal = problem.normal(&pieces, layout.len(), &point);
+        let active = pushed_out(&point.theta, &bounds, &normal.gradient, &normal.matrix);
+        loop {
+            let Some(step) = damped_step(&normal.matrix, &normal.gradient, &active, damping) else {
+                damping *= 10.0;
+                if damping > 1e12 {
+                    break 'outer;
+                }
+                continue;
+            };
+            let mut trial = point.clone();
+            for (v, d) in trial.theta.iter_mut().zip(step.iter()) {
+                *v += d;
+            }
+            clip(&mut trial.theta, &bounds);
+            let taken = DVector::from_iterator(step.len(), trial.theta.iter().zip(&point.theta).map(|(a, b)| a - b));
+            for (initial, d) in trial.initial.iter_mut().zip(normal.initial_step(&taken)) {
+                for j in 0..3 {
+                    initial[j] += d[j];
+                }
+            }
+            let trial_cost = problem.cost(layout, &trial);
+            let predicted = 2.0 * normal.gradient.dot(&step) - (step.transpose() * &normal.matrix * &step)[(0, 0)];
+            if trial_cost < cost {
+                let gain = (cost - trial_cost) / predicted.max(1e-300);
+                let relative = (cost - trial_cost) / cost;
+                point = trial;
+                cost = trial_cost;
+                damping = (damping * (1.0 - (2.0 * gain - 1.0).powi(3)).max(0.1)).max(1e-9);
+                growth = 2.0;
+                if relative < effort.tolerance {
+                    converged = true;
+                    break 'outer;
+                }
+                break;
+            }
+            damping *= growth;
+            growth *= 2.0;
+            if predicted < effort.tolerance * cost || damping > 1e10 {
+                converged = true;
+                break 'outer;
+            }
+        }
+        tracing::debug!(iteration, cost, damping, "fit");
+    }
+    Ok(Fit { layout: layout.clone(), point, cost, converged })
+}
+
+fn clip(theta: &mut [f64], bounds: &[(f64, f64)]) {
+    for (v, (lower, upper)) in theta.iter_mut().zip(bounds) {
+        *v = v.clamp(*lower, *upper);
+    }
+}
+
+/// Entries that stand at a bound and would leave it, and entries without any influence.
+fn pushed_out(theta: &[f64], bounds: &[(f64, f64)], gradient: &DVector<f64>, matrix: &DMatrix<f64>) -> Vec<bool> {
+    (0..theta.len())
+        .map(|i| {
+            (theta[i] <= bounds[i].0 && gradient[i] < 0.0)
+                || (theta[i] >= bounds[i].1 && gradient[i] > 0.0)
+                || matrix[(i, i)] <= 0.0
+        })
+        .collect()
+}
+
+/// Solves (H + damping * diag H) step = gradient for the entries that are not held.
+fn damped_step(h: &DMatrix<f64>, g: &DVector<f64>, held: &[bool], damping: f64) -> Option<DVector<f64>> {
+    let free: Vec<usize> = (0..g.len()).filter(|&i| !held[i]).collect();
+    let n = free.len();
+    let scale: Vec<f64> = free.iter().map(|&i| h[(i, i)].sqrt()).collect();
+    let a = DMatrix::from_fn(n, n, |i, j| {
+        h[(free[i], free[j])] / (scale[i] * scale[j]) + if i == j { damping } else { 0.0 }
+    });
+    let b = DVector::from_fn(n, |i, _| g[free[i]] / scale[i]);
+    let x = a.cholesky()?.solve(&b);
+    let mut step = DVector::zeros(g.len());
+    for (i, &at) in free.iter().enumerate() {
+        step[at] = x[i] / scale[i];
+    }
+    step.iter().all(|v| v.is_finite()).then_some(step)
+}
+
+/// Covariance of the parameters from the normal matrix; `None` entries (no influence) get an infinite variance.
+pub fn covariance(matrix: &DMatrix<f64>) -> DMatrix<f64> {
+    let n = matrix.nrows();
+    let scale: Vec<f64> = (0..n).map(|i| matrix[(i, i)].max(0.0).sqrt()).collect();
+    let correlation = DMatrix::from_fn(n, n, |i, j| {
+        if scale[i] > 0.0 && scale[j] > 0.0 {
+            matrix[(i, j)] / (scale[i] * scale[j])
+        } else if i == j {
+            1.0
+        } else {
+            0.0
+        }
+    });
+    let eigen = correlation.symmetric_eigen();
+    let inverse = DMatrix::from_fn(n, n, |i, j| {
+        (0..n)
+            .map(|k| {
+                let value = eigen.eigenvalues[k].max(1e-14);
+                eigen.eigenvectors[(i, k)] * eigen.eigenvectors[(j, k)] / value
+            })
+            .sum::<f64>()
+    });
+    DMatrix::from_fn(n, n, |i, j| {
+        if scale[i] > 0.0 && scale[j] > 0.0 {
+            inverse[(i, j)] / (scale[i] * scale[j])
+        } else if i == j {
+            f64::INFINITY
+        } else {
+            0.0
+        }
+    })
+}

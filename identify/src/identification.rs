@@ -1,0 +1,343 @@
+//! Identification of the reference model from a campaign's runs with role identify.
+
+use std::collections::BTreeMap;
+
+use model::Parameters;
+use model::integrate::SimulationError;
+use model::parameters::{NAMES, index};
+use recordings::{Campaign, CampaignError, Protocol, Recording, Role, RunEntry};
+
+use crate::component::{self, CapacityPoint, LossPoint, PumpPoint, TorquePoint};
+use crate::fit::{Effort, Fit, covariance, fit};
+use crate::layout::Layout;
+use crate::noise::{median, white_std};
+use crate::prepare::{Channel, Stand, Stretch, Unusable, stretches};
+use crate::problem::Problem;
+
+/// A run as it was read.
+pub struct LoadedRun {
+    /// Its entry in the campaign.
+    pub entry: RunEntry,
+    /// Its samples.
+    pub recording: Recording,
+    /// Noise of one sample by channel, in the channel's unit, where the data tell it.
+    pub noise: [Option<f64>; 5],
+}
+
+/// A campaign with all runs read.
+pub struct Loaded {
+    /// The campaign.
+    pub campaign: Campaign,
+    /// In the order of the campaign.
+    pub runs: Vec<LoadedRun>,
+}
+
+/// What can go wrong from a folder to a model.
+#[derive(Debug, thiserror::Error)]
+pub enum IdentifyError {
+    /// The campaign can't be read.
+    #[error(transparent)]
+    Campaign(#[from] CampaignError),
+    /// A run can't be used.
+    #[error(transparent)]
+    Unusable(#[from] Unusable),
+    /// The campaign lacks runs.
+    #[error("{campaign}: {why}")]
+    Missing {
+        /// The campaign's folder.
+        campaign: String,
+        /// Expected, got, remedy.
+        why: String,
+    },
+    /// A model could not be simulated.
+    #[error("simulation of {what}: {source}")]
+    Simulation {
+        /// Which runs.
+        what: String,
+        /// Why.
+        source: SimulationError,
+    },
+}
+
+/// Data points of the component experiments.
+#[derive(Default)]
+pub struct Characteristics {
+    /// Fig. 2.
+    pub torque: Vec<TorquePoint>,
+    /// Fig. 5.
+    pub pump: Vec<PumpPoint>,
+    /// Fig. 6.
+    pub capacity: Vec<CapacityPoint>,
+    /// Fig. 7.
+    pub loss: Vec<LossPoint>,
+}
+
+/// The reference model as identified.
+pub struct Identified {
+    /// The stretches of the identify runs with their weights.
+    pub problem: Problem,
+    /// The joint fit in free run.
+    pub fit: Fit,
+    /// Standard errors of its entries.
+    pub std: Vec<f64>,
+    /// Base parameters that the data do not determine, with the reason.
+    pub undetermined: BTreeMap<String, String>,
+    /// Values of the paper's separate fits.
+    pub component: Parameters,
+    /// Data points.
+    pub points: Characteristics,
+}
+
+impl Loaded {
+    /// Reads every run of the campaign in `dir`.
+    pub fn read(dir: &std::path::Path) -> Result<Loaded, IdentifyError> {
+        let campaign = Campaign::open(dir)?;
+        let mut runs = Vec::new();
+        for entry in &campaign.runs {
+            let recording = campaign.read(entry)?;
+            let noise = Channel::ALL.map(|c| {
+                let values: Vec<f64> = if c == Channel::Volume {
+                    readings(&recording)
+                } else {
+                    c.of(&recording).to_vec()
+                };
+                white_std(&values).filter(|s| *s > 0.0)
+            });
+            runs.push(LoadedRun { entry: entry.clone(), recording, noise });
+        }
+        Ok(Loaded { campaign, runs })
+    }
+
+    /// Stretches and weights of the runs with this role.
+    pub fn problem(&self, role: Role) -> Result<Problem, IdentifyError> {
+        let mut problem = Problem::default();
+        for (n, run) in self.runs.iter().enumerate().filter(|(_, r)| r.entry.role == role) {
+            let pieces = stretches(n, &run.entry.file, run.entry.protocol, run.entry.plane, &run.recording)?;
+            for s in pieces {
+                problem.std.push(Channel::ALL.map(|c| self.noise_of(n, c)));
+                problem.stretches.push(s);
+            }
+        }
+        Ok(problem)
+    }
+
+    /// Noise of one sample of a channel in a run; where the run does not tell it, the median of the other runs.
+    pub fn noise_of(&self, run: usize, channel: Channel) -> f64 {
+        let c = channel as usize;
+        // the clamp-steps hold one reading of the cylinder for a whole segment: the pump map tells its noise
+        let own = match (self.runs[run].entry.protocol, channel) {
+            (Protocol::ClampSteps, Channel::Volume) => None,
+            _ => self.runs[run].noise[c],
+        };
+        own.unwrap_or_else(|| {
+            let mut others: Vec<f64> = self
+                .runs
+                .iter()
+                .filter(|r| r.entry.protocol != Protocol::ClampSteps && r.entry.protocol != Protocol::VolumeMap)
+                .filter_map(|r| r.noise[c])
+                .collect();
+            if others.is_empty() { UNKNOWN_NOISE[c] } else { median(&mut others) }
+        })
+    }
+}
+
+/// The cylinder's readings, with a `NaN` where a segment ends and it starts anew.
+fn readings(r: &Recording) -> Vec<f64> {
+    let mut out = Vec::new();
+    for i in 0..r.len() {
+        if i > 0 && r.segment[i] != r.segment[i - 1] {
+            out.push(f64::NAN);
+        }
+        if r.volume_ml[i].is_finite() {
+            out.push(r.volume_ml[i]);
+        }
+    }
+    out
+}
+
+/// Noise that is assumed where no run tells it: degrees, bar, bar, Nm, ml.
+const UNKNOWN_NOISE: [f64; 5] = [0.01, 0.01, 0.01, 0.05, 0.05];
+
+/// The paper's separate evaluations, as far as the runs are there.
+fn components(loaded: &Loaded, problem: &Problem, start: &mut Parameters) -> Characteristics {
+    let mut points = Characteristics::default();
+    let runs = |p: Protocol| {
+        loaded.runs.iter().filter(move |r| r.entry.role == Role::Identify && r.entry.protocol == p).map(|r| &r.recording)
+    };
+    points.torque = runs(Protocol::TorqueMap).flat_map(component::torque_points).collect();
+    points.pump = runs(Protocol::PumpMap).flat_map(component::pump_points).collect();
+    let pieces: Vec<&Stretch> = problem.stretches.iter().collect();
+    points.capacity = component::capacity_points(&pieces);
+    points.loss = runs(Protocol::ConstantFlow).flat_map(component::loss_points).collect();
+    component::fit_torque(&points.torque, start);
+    component::fit_pump(&points.pump, start);
+    component::fit_capacity(&pieces, start);
+    component::fit_displacement(&pieces, start);
+    component::fit_losses(&points.loss, start);
+    points
+}
+
+/// Identifies the reference model: the paper's separate fits, then all parameters together in free run.
+pub fn identify(loaded: &Loaded, progress: &dyn Fn(&str)) -> Result<Identified, IdentifyError> {
+    let mut problem = loaded.problem(Role::Identify)?;
+    if problem.stretches.is_empty() {
+        return Err(IdentifyError::Missing {
+            campaign: loaded.campaign.dir.display().to_string(),
+            why: "no run has role \"identify\": nothing may be fitted".into(),
+        });
+    }
+    let mut component = Parameters::example();
+    component.load.J = loaded.campaign.rig.inertia_kg_m2;
+    component.load.G = loaded.campaign.rig.gravity_nm;
+    component.pump.u_max = loaded.campaign.rig.u_max_v;
+    let points = components(loaded, &problem, &mut component);
+    progress("component experiments evaluated");
+
+    let mut layout = Layout::base(&component);
+    bypass_by_scan(&problem, &layout, &mut component);
+    let simulation = |what: &str| {
+        let what = what.to_string();
+        move |source| IdentifyError::Simulation { what, source }
+    };
+
+    tracing::debug!(?component, loss = ?points.loss, "component");
+    // where the separate fit of the losses leads nowhere, usual ones do better
+    let mut usual = component;
+    usual.losses = Parameters::example().losses;
+    if problem.cost(&layout, &problem.point(layout.vector_of(&usual)))
+        < problem.cost(&layout, &problem.point(layout.vector_of(&component)))
+    {
+        component = usual;
+    }
+    layout.fixed = component.to_vector();
+
+    // first what stands still, then everything
+    let (still, _) = problem.part(|_, s| s.stand != Stand::Free);
+    let mut theta = layout.vector_of(&component);
+    if !still.stretches.is_empty() {
+        let start = still.point(theta.clone());
+        if let Ok(f) = fit(&still, &layout, start, Effort { iterations: 6, tolerance: 1e-3, ..Effort::default() })
+            && f.point.theta.iter().all(|v| v.is_finite())
+            && problem.cost(&layout, &problem.point(f.point.theta.clone())) < problem.cost(&layout, &problem.point(theta.clone()))
+        {
+            theta = f.point.theta;
+        }
+    }
+    let rough = Effort { iterations: 12, tolerance: 1e-3, ..Effort::default() };
+    let first = fit(&problem, &layout, problem.point(theta), rough).map_err(simulation("the identify runs"))?;
+    progress("joint fit in free run, first pass");
+    problem.reweigh(&layout, &first.point).map_err(simulation("the identify runs"))?;
+    let undetermined = drop_undetermined(&problem, &mut layout, &first).map_err(simulation("the identify runs"))?;
+    let all = Layout::base(&component);
+    let kept: Vec<f64> =
+        all.base.iter().zip(&first.point.theta).filter(|(i, _)| layout.base.contains(i)).map(|(_, v)| *v).collect();
+    let mut start = first.point.clone();
+    start.theta = kept;
+    let last = fit(&problem, &layout, start, Effort { iterations: 20, tolerance: 1e-6, ..Effort::default() })
+        .map_err(simulation("the identify runs"))?;
+    progress("joint fit in free run, final pass");
+    let std = standard_errors(&problem, &last).map_err(simulation("the identify runs"))?;
+    Ok(Identified { problem, fit: last, std, undetermined, component, points })
+}
+
+/// Standard errors of a fit's entries: from the normal matrix, widened where the residuals are larger than the noise.
+pub fn standard_errors(problem: &Problem, fit: &Fit) -> Result<Vec<f64>, SimulationError> {
+    let pieces = problem.linearise(&fit.layout, &fit.point)?;
+    let normal = problem.normal(&pieces, fit.layout.len(), &fit.point);
+    let misfit = (fit.cost / problem.targets() as f64).max(1.0);
+    let c = covariance(&normal.matrix);
+    Ok((0..fit.layout.len()).map(|i| (c[(i, i)] * misfit).sqrt()).collect())
+}
+
+/// A first value for k_b: what fits the runs with the lever free best, of a coarse scan.
+fn bypass_by_scan(problem: &Problem, layout: &Layout, p: &mut Parameters) {
+    let (part, _) = problem.part(|_, s| s.bypass_open.iter().any(|b| *b));
+    if part.stretches.is_empty() {
+        return;
+    }
+    let mut best = f64::INFINITY;
+    for k_b in [5.0, 15.0, 40.0, 100.0] {
+        let mut q = *p;
+        q.valves.k_b = k_b;
+        let cost = part.cost(layout, &part.point(layout.vector_of(&q)));
+        if cost < best {
+            best = cost;
+            p.valves.k_b = k_b;
+        }
+    }
+}
+
+/// Takes out of the layout what the data do not determine: one after the other, the worst first.
+fn drop_undetermined(
+    problem: &Problem,
+    layout: &mut Layout,
+    first: &Fit,
+) -> Result<BTreeMap<String, String>, SimulationError> {
+    let pieces = problem.linearise(&first.layout, &first.point)?;
+    let full = problem.normal(&pieces, first.layout.len(), &first.point).matrix;
+    let misfit = (first.cost / problem.targets() as f64).max(1.0);
+    let mut left: Vec<usize> = (0..first.layout.base.len()).collect();
+    let mut out = BTreeMap::new();
+    loop {
+        let m = full.select_rows(&left).select_columns(&left);
+        let c = covariance(&m);
+        let worst = (0..left.len())
+            .map(|i| {
+                let at = left[i];
+                let size = first.point.theta[at].abs().max(scale(first.layout.base[at]));
+                (i, (c[(i, i)] * misfit.min(100.0)).sqrt() / size)
+            })
+            .max_by(|a, b| a.1.total_cmp(&b.1));
+        match worst {
+            Some((i, ratio)) if ratio > 1.0 => {
+                let parameter = first.layout.base[left[i]];
+                let why = format!(
+                    "its standard error is {} its size: {}",
+                    if ratio > 1e4 { "far beyond".to_string() } else { format!("{ratio:.1} times") },
+                    needed_run(parameter)
+                );
+                out.insert(NAMES[parameter].to_string(), why);
+                left.remove(i);
+            }
+            _ => break,
+        }
+    }
+    layout.base = left.iter().map(|&i| first.layout.base[i]).collect();
+    for (i, v) in first.layout.base.iter().zip(&first.point.theta) {
+        if layout.base.contains(i) {
+            layout.fixed[*i] = *v;
+        }
+    }
+    Ok(out)
+}
+
+/// A size below which a parameter is as good as zero, so that a well-known zero is not called undetermined.
+fn scale(parameter: usize) -> f64 {
+    use index::*;
+    match parameter {
+        M1 => 0.5,
+        M2 => 1.0,
+        H3 => 0.3,
+        A1 => 0.003,
+        V1 => 5.0,
+        F2 => 0.002,
+        F3 => 0.05,
+        F4 => 0.2,
+        L1 => 1.0,
+        L2 => 1.0,
+        _ => 0.0,
+    }
+}
+
+/// The run that would determine a parameter.
+fn needed_run(parameter: usize) -> &'static str {
+    use index::*;
+    match parameter {
+        M1 | M2 | M3 => "a torque-map run would determine it",
+        H1 | H2 | H3 | A1 => "a clamp-steps run over several angles would determine it",
+        V1 | V2 => "a volume-map run would determine it",
+        F1 | F2 | F3 | F4 => "a pump-map run in both directions would determine it",
+        K_B => "a random-steps run with the bypass open would determine it",
+        _ => "constant-flow strokes from slow to fast would determine it",
+    }
+}

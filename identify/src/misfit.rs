@@ -1,0 +1,82 @@
+//! How large the structured part of the residual is, where it sits, and whether it is more than noise.
+
+use recordings::Protocol;
+
+use crate::prepare::{Channel, Stand};
+use crate::problem::Problem;
+
+/// The residual of one channel of one run.
+#[derive(Clone, Debug)]
+pub struct Part {
+    /// Position of the run in the campaign.
+    pub run: usize,
+    /// Protocol of the run.
+    pub protocol: Protocol,
+    /// The lever is free.
+    pub free: bool,
+    /// Channel.
+    pub channel: Channel,
+    /// Mean square of the structured part of the residual, in units of the noise of one sample squared. May come out
+    /// slightly negative where there is none.
+    pub structured: f64,
+    /// `structured` over its standard error by clusters.
+    pub significance: f64,
+}
+
+/// Structured residual by run and channel: the mean product of neighbouring blocks, whose noise is independent.
+pub fn parts(problem: &Problem, residuals: &[Vec<f64>], clusters: &[Vec<usize>]) -> Vec<Part> {
+    let mut out: Vec<Part> = Vec::new();
+    let runs: std::collections::BTreeSet<usize> = problem.stretches.iter().map(|s| s.run).collect();
+    for run in runs {
+        for channel in Channel::ALL {
+            let mut sums: std::collections::BTreeMap<usize, f64> = Default::default();
+            let (mut weight, mut pairs) = (0.0, 0usize);
+            let mut free = false;
+            let mut protocol = None;
+            for (n, s) in problem.stretches.iter().enumerate().filter(|(_, s)| s.run == run) {
+                free = s.stand == Stand::Free;
+                protocol = Some(s.protocol);
+                let mut last: Option<f64> = None;
+                for (t, target) in s.targets.iter().enumerate().filter(|(_, t)| t.channel == channel) {
+                    let r = residuals[n][t];
+                    if let Some(before) = last {
+                        *sums.entry(clusters[n][t]).or_default() += r * before;
+                        weight += target.samples as f64;
+                        pairs += 1;
+                    }
+                    last = Some(r);
+                }
+            }
+            let Some(protocol) = protocol else { continue };
+            if pairs < 10 {
+                continue;
+            }
+            let total: f64 = sums.values().sum();
+            let spread: f64 = sums.values().map(|v| (v - total / sums.len() as f64).powi(2)).sum::<f64>().sqrt();
+            // white noise alone spreads the sum by sqrt(pairs)
+            let error = spread.max((pairs as f64).sqrt());
+            out.push(Part { run, protocol, free, channel, structured: total / weight, significance: total / error });
+        }
+    }
+    out
+}
+
+/// The parts that decide: those of the runs with a free lever, or all where there are none.
+pub fn deciding(parts: &[Part]) -> Vec<&Part> {
+    let free: Vec<&Part> = parts.iter().filter(|p| p.free).collect();
+    if free.is_empty() { parts.iter().collect() } else { free }
+}
+
+/// Largest structured residual of the deciding parts that is more than noise, in units of the noise of one sample (RMS).
+pub fn largest(parts: &[Part]) -> f64 {
+    deciding(parts)
+        .iter()
+        .filter(|p| p.significance > 3.5)
+        .map(|p| p.structured.max(0.0).sqrt())
+        .fold(0.0, f64::max)
+}
+
+/// Sum of the structured mean squares of the deciding parts.
+pub fn total(parts: &[Part]) -> f64 {
+    deciding(parts).iter().map(|p| p.structured.max(0.0)).sum()
+}

@@ -1,0 +1,77 @@
+//! Sensor noise, estimated from the data alone.
+
+/// Standard deviation of the white part of a series' noise: from second differences, which a slow signal hardly enters, in
+/// windows of 64 samples, of which the median counts so that transients do not. `NaN` values are passed over. The step of a
+/// quantised sensor is part of it where the noise dithers it.
+pub fn white_std(values: &[f64]) -> Option<f64> {
+    const WINDOW: usize = 64;
+    let mut windows = Vec::new();
+    let mut sum = 0.0;
+    let mut count = 0usize;
+    for w in values.windows(3) {
+        let d = w[0] - 2.0 * w[1] + w[2];
+        if d.is_finite() {
+            sum += d * d;
+            count += 1;
+            if count == WINDOW {
+                windows.push(sum / count as f64 / 6.0);
+                sum = 0.0;
+                count = 0;
+            }
+        }
+    }
+    if windows.is_empty() {
+        if count < 8 {
+            return None;
+        }
+        windows.push(sum / count as f64 / 6.0);
+    }
+    Some(median(&mut windows).sqrt())
+}
+
+/// Median; reorders its argument. 0 for an empty one.
+pub fn median(values: &mut [f64]) -> f64 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    let middle = values.len() / 2;
+    let (_, m, _) = values.select_nth_unstable_by(middle, f64::total_cmp);
+    *m
+}
+
+/// Mean of the finite values, and how many there are.
+pub fn mean(values: impl IntoIterator<Item = f64>) -> (f64, usize) {
+    let (mut sum, mut n) = (0.0, 0);
+    for v in values {
+        if v.is_finite() {
+            sum += v;
+            n += 1;
+        }
+    }
+    (if n > 0 { sum / n as f64 } else { f64::NAN }, n)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, Normal};
+
+    #[test]
+    fn noise_on_a_moving_quantised_signal_is_found() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
+        let normal = Normal::new(0.0, 0.01).unwrap();
+        let step = 360.0 / 16384.0;
+        let series: Vec<f64> = (0..20000)
+            .map(|i| {
+                let t = i as f64 * 1e-3;
+                let y = 30.0 * (t * 2.0).sin() + normal.sample(&mut rng);
+                (y / step).round() * step
+            })
+            .collect();
+        let expected = (0.01f64.powi(2) + step * step / 12.0).sqrt();
+        let found = white_std(&series).unwrap();
+        assert!((found / expected - 1.0).abs() < 0.05, "{found} {expected}");
+        assert_eq!(white_std(&[1.0, 2.0]), None);
+    }
+}

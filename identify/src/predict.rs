@@ -1,0 +1,354 @@
+//! What a model says about a stretch: free run from its initial state, with the recorded inputs.
+
+use model::effects::EffectSet;
+use model::integrate::{Integrator, Seeds, Sensitivity, SimulationError};
+use model::port::PortKind;
+use model::rec::{self, Input, STATES, state};
+use model::scalar::{Scalar, Tangent};
+
+use crate::layout::Layout;
+use crate::prepare::{Channel, Stand, Stretch};
+
+/// Corrections of a stretch's initial values: angle (rad), pressures (bar).
+pub type Initial = [f64; 3];
+
+/// Predictions at a stretch's targets with their derivatives.
+pub struct Linear {
+    /// One a target.
+    pub predicted: Vec<f64>,
+    /// Row-major, one row a target: a column for each entry of the parameter vector, then three for the initial values.
+    pub slope: Vec<f64>,
+}
+
+const DEGREES: f64 = 180.0 / std::f64::consts::PI;
+/// Longest step where the lever moves freely, s.
+const STEP_FREE_S: f64 = 1e-3;
+/// Longest step where it is led, s.
+const STEP_LED_S: f64 = 1e-2;
+
+/// One simulation of a stretch: the state, and what the sensors' effects shift the inputs by.
+struct Run<'a> {
+    stretch: &'a Stretch,
+    k: &'a [f64],
+    effects: &'a EffectSet<f64>,
+    integrator: Integrator,
+    x: Vec<f64>,
+    scratch: Vec<f64>,
+    /// Shown minus true angle, rad.
+    shift_rad: f64,
+}
+
+impl<'a> Run<'a> {
+    fn start(stretch: &'a Stretch, k: &'a [f64], effects: &'a EffectSet<f64>, initial: &Initial) -> Self {
+        let states = STATES + effects.states;
+        let mut x = vec![0.0; states];
+        let mut scratch = vec![0.0; states];
+        let input = stretch.input(0, 1.0);
+        let shown = [0, 1, 2].map(|j| stretch.initial[j] + initial[j]);
+        x[state::ANGLE] = shown[0];
+        x[state::PRESSURE1] = shown[1];
+        x[state::PRESSURE2] = shown[2];
+        rec::rest_states(&input, k, effects, &mut x);
+        let mut shift_rad = 0.0;
+        if effects.touches(PortKind::Sensor) {
+            let seen = rec::shown(effects, stretch.time_s[0], &x, &mut scratch);
+            shift_rad = seen[0] / DEGREES - x[state::ANGLE];
+            x[state::ANGLE] -= shift_rad;
+            x[state::PRESSURE1] -= seen[1] - shown[1];
+            x[state::PRESSURE2] -= seen[2] - shown[2];
+            rec::rest_states(&input, k, effects, &mut x);
+        }
+        let longest = if stretch.stand == Stand::Free { STEP_FREE_S } else { STEP_LED_S };
+        let integrator = Integrator::for_plant(longest, k, effects, &input, &x);
+        Run { stretch, k, effects, integrator, x, scratch, shift_rad }
+    }
+
+    /// Puts the inputs of row `i` that stand in the state into it.
+    fn impose(&mut self, i: usize) {
+        if !self.stretch.angle_rad.is_empty() {
+            self.x[state::ANGLE] = self.stretch.angle_rad[i] - self.shift_rad;
+        }
+        if !self.stretch.pressure_bar[0].is_empty() {
+            self.x[state::PRESSURE1] = self.stretch.pressure_bar[0][i];
+            self.x[state::PRESSURE2] = self.stretch.pressure_bar[1][i];
+            if self.effects.touches(PortKind::Sensor) {
+                let seen = rec::shown(self.effects, self.stretch.time_s[i], &self.x, &mut self.scratch);
+                for j in 0..2 {
+                    let p = self.stretch.pressure_bar[j][i];
+                    self.x[state::PRESSURE1 + j] = p - (seen[j + 1] - p);
+                }
+            }
+        }
+    }
+
+    fn step_length(&self, i: usize) -> f64 {
+        self.stretch.time_s[i + 1] - self.stretch.time_s[i]
+    }
+
+    fn advance(&mut self, i: usize) -> Result<(Input, f64), SimulationError> {
+        let dt = self.step_length(i);
+        let input = self.stretch.input(i, dt);
+        self.integrator.advance(&input, self.k, self.effects, self.stretch.time_s[i], dt, &mut self.x)?;
+        Ok((input, dt))
+    }
+
+    /// Angle (deg), pressures (bar), torque (Nm), volume (ml) as the sensors would show them at row `i`.
+    fn outputs(&mut self, i: usize) -> [f64; 5] {
+        let s = self.stretch;
+        let seen = if self.effects.touches(PortKind::Sensor) {
+            rec::shown(self.effects, s.time_s[i], &self.x, &mut self.scratch)
+        } else {
+            [self.x[state::ANGLE] * DEGREES, self.x[state::PRESSURE1], self.x[state::PRESSURE2]]
+        };
+        let torque = if s.measured[Channel::Torque as usize].is_empty() {
+            f64::NAN
+        } else {
+            let input = self.standing_input(i);
+            rec::derivative(&input, self.k, self.effects, s.time_s[i], &self.x, &mut self.scratch).torque_nm
+        };
+        [seen[0], seen[1], seen[2], torque, self.x[state::VOLUME]]
+    }
+
+    fn standing_input(&self, i: usize) -> Input {
+        let i = i.min(self.stretch.rows() - 2);
+        self.stretch.input(i, self.step_length(i))
+    }
+}
+
+/// Predicted values at the stretch's targets.
+pub fn predict(
+    stretch: &Stretch,
+    layout: &Layout,
+    theta: &[f64],
+    initial: &Initial,
+) -> Result<Vec<f64>, SimulationError> {
+    let (k, effects) = layout.expand(theta);
+    let mut run = Run::start(stretch, &k, &effects, initial);
+    let mut means = Means::new(stretch);
+    let mut out = Vec::with_capacity(stretch.targets.len());
+    for i in 0..stretch.rows() {
+        run.impose(i);
+        let y = run.outputs(i);
+        means.add(stretch, i, &y, &mut out);
+        if i + 1 < stretch.rows() {
+            run.advance(i)?;
+        }
+    }
+    Ok(out)
+}
+
+/// Predicted values at every row: angle (deg), pressures (bar), torque (Nm), volume (ml).
+pub fn predict_rows(
+    stretch: &Stretch,
+    layout: &Layout,
+    theta: &[f64],
+    initial: &Initial,
+) -> Result<Vec<[f64; 5]>, SimulationError> {
+    let (k, effects) = layout.expand(theta);
+    let mut run = Run::start(stretch, &k, &effects, initial);
+    let mut out = Vec::with_capacity(stretch.rows());
+    for i in 0..stretch.rows() {
+        run.impose(i);
+        out.push(run.outputs(i));
+        if i + 1 < stretch.rows() {
+            run.advance(i)?;
+        }
+    }
+    Ok(out)
+}
+
+/// Running means over the blocks, of the rows where the channel was measured.
+struct Means {
+    sum: [f64; 5],
+    count: [usize; 5],
+    block: usize,
+}
+
+impl Means {
+    fn new(_: &Stretch) -> Self {
+        Means { sum: [0.0; 5], count: [0; 5], block: 0 }
+    }
+
+    /// Adds row `i`; at a block's end its means go to `out`, in the order of the stretch's targets.
+    fn add(&mut self, s: &Stretch, i: usize, y: &[f64; 5], out: &mut Vec<f64>) {
+        for (c, value) in y.iter().enumerate() {
+            if !s.measured[c].is_empty() && s.measured[c][i].is_finite() {
+                self.sum[c] += value;
+                self.count[c] += 1;
+            }
+        }
+        if i + 1 == s.blocks[self.block + 1] {
+            for c in 0..5 {
+                if self.count[c] > 0 {
+                    out.push(self.sum[c] / self.count[c] as f64);
+                }
+            }
+            *self = Means { sum: [0.0; 5], count: [0; 5], block: self.block + 1 };
+        }
+    }
+}
+
+/// Predictions with their derivatives. The derivative of a block's mean is taken at the block's middle row.
+pub fn linearise(
+    stretch: &Stretch,
+    layout: &Layout,
+    theta: &[f64],
+    initial: &Initial,
+) -> Result<Linear, SimulationError> {
+    let (k, effects) = layout.expand(theta);
+    let columns = layout.len();
+    let all = columns + 3;
+    let states = STATES + effects.states;
+    let seeds = Seeds::new(states, columns, |lane| {
+        let dual: Vec<Tangent> = theta
+            .iter()
+            .enumerate()
+            .map(|(c, v)| lane(c).map_or(Tangent::constant(*v), |l| Tangent::variable(*v, l)))
+            .collect();
+        layout.expand(&dual)
+    });
+    let mut run = Run::start(stretch, &k, &effects, initial);
+    let mut s = Sensitivity::new(states, all);
+    start_sensitivity(stretch, &run, &seeds, &mut s, columns);
+
+    let mut means = Means::new(stretch);
+    let mut predicted = Vec::with_capacity(stretch.targets.len());
+    let mut slope = vec![0.0; stretch.targets.len() * all];
+    let mut next_target = 0;
+    let shifted = effects.touches(PortKind::Sensor);
+    for i in 0..stretch.rows() {
+        run.impose(i);
+        if shifted {
+            impose_sensitivity(stretch, &run, &seeds, &mut s, i);
+        }
+        let y = run.outputs(i);
+        means.add(stretch, i, &y, &mut predicted);
+        // targets are ordered by block; within a block their middle rows may differ
+        let open = stretch.targets[next_target..].iter().take(5).enumerate();
+        for (n, target) in open.filter(|(_, t)| t.middle == i).map(|(n, t)| (next_target + n, t)) {
+            output_slope(stretch, &run, &seeds, &s, i, target.channel, &mut slope[n * all..(n + 1) * all]);
+        }
+        while next_target < predicted.len() {
+            next_target += 1;
+        }
+        if i + 1 < stretch.rows() {
+            let before = run.x.clone();
+            let (input, dt) = run.advance(i)?;
+            let middle: Vec<f64> = before.iter().zip(&run.x).map(|(a, b)| 0.5 * (a + b)).collect();
+            let parts = (dt / run.integrator.longest_s() * 0.999).ceil().max(1.0);
+            for p in 0..parts as usize {
+                let t = stretch.time_s[i] + dt * (p as f64 + 0.5) / parts;
+                s.advance(&seeds, &input, t, dt / parts, &middle);
+            }
+        }
+    }
+    Ok(Linear { predicted, slope })
+}
+
+/// Derivatives of the initial state: of what the sensors' effects shift, of the initial values, of the effects' states.
+fn start_sensitivity(stretch: &Stretch, run: &Run, seeds: &Seeds, s: &mut Sensitivity, columns: usize) {
+    let states = run.x.len();
+    for (j, i) in [state::ANGLE, state::PRESSURE1, state::PRESSURE2].into_iter().enumerate() {
+        s.set(i, columns + j, 1.0);
+    }
+    let input = stretch.input(0, 1.0);
+    seeds.each_pass(|k, effects, first, count| {
+        let mut x: Vec<Tangent> = run.x.iter().enumerate().map(|(i, v)| Tangent::variable(*v, i)).collect();
+        if effects.touches(PortKind::Sensor) {
+            // the effects' own states follow the plant at rest, so a slow sensor shifts nothing
+            rec::rest_states(&input, k, effects, &mut x);
+            let mut scratch = vec![Tangent::zero(); states];
+            let seen = rec::shown(effects, stretch.time_s[0], &x, &mut scratch);
+            for c in 0..count {
+                s.set(state::ANGLE, first + c, -seen[0].slope[states + c] / DEGREES);
+                s.set(state::PRESSURE1, first + c, -seen[1].slope[states + c]);
+                s.set(state::PRESSURE2, first + c, -seen[2].slope[states + c]);
+            }
+        }
+    });
+    seeds.each_pass(|k, effects, first, count| {
+        if effects.states == 0 {
+            return;
+        }
+        let mut x: Vec<Tangent> = run.x.iter().enumerate().map(|(i, v)| Tangent::variable(*v, i)).collect();
+        rec::rest_states(&input, k, effects, &mut x);
+        for i in STATES..states {
+            for c in 0..count {
+                s.set(i, first + c, x[i].slope[states + c]);
+            }
+            let through: Vec<f64> = (0..s.row(0).len())
+                .map(|c| (0..STATES).map(|j| x[i].slope[j] * s.get(j, c)).sum())
+                .collect();
+            for (c, value) in through.iter().enumerate() {
+                let seeded = (first..first + count).contains(&c);
+                if seeded || (first == 0 && c >= columns) {
+                    s.set(i, c, if seeded { s.get(i, c) } else { 0.0 } + value);
+                }
+            }
+        }
+    });
+}
+
+/// Pressures that are inputs hold their derivative with respect to the sensors' shift.
+fn impose_sensitivity(stretch: &Stretch, run: &Run, seeds: &Seeds, s: &mut Sensitivity, i: usize) {
+    if stretch.pressure_bar[0].is_empty() {
+        return;
+    }
+    seeds.each_pass(|_, effects, first, count| {
+        let x: Vec<Tangent> = run.x.iter().map(|v| Tangent::constant(*v)).collect();
+        let mut scratch = vec![Tangent::zero(); x.len()];
+        let seen = rec::shown(effects, stretch.time_s[i], &x, &mut scratch);
+        for c in 0..count {
+            let lane = x.len() + c;
+            s.set(state::PRESSURE1, first + c, -seen[1].slope[lane]);
+            s.set(state::PRESSURE2, first + c, -seen[2].slope[lane]);
+        }
+    });
+}
+
+/// Derivative of one output at row `i`.
+fn output_slope(
+    stretch: &Stretch,
+    run: &Run,
+    seeds: &Seeds,
+    s: &Sensitivity,
+    i: usize,
+    channel: Channel,
+    out: &mut [f64],
+) {
+    let plain = |row: usize, factor: f64, out: &mut [f64]| {
+        for (o, v) in out.iter_mut().zip(s.row(row)) {
+            *o = v * factor;
+        }
+    };
+    let sensed = run.effects.touches(PortKind::Sensor);
+    match channel {
+        Channel::Volume => plain(state::VOLUME, 1.0, out),
+        Channel::Angle if !sensed => plain(state::ANGLE, DEGREES, out),
+        Channel::Pressure1 if !sensed => plain(state::PRESSURE1, 1.0, out),
+        Channel::Pressure2 if !sensed => plain(state::PRESSURE2, 1.0, out),
+        _ => {
+            let states = run.x.len();
+            let input = run.standing_input(i);
+            let mut through = vec![0.0; states];
+            seeds.each_pass(|k, effects, first, count| {
+                let x: Vec<Tangent> = run.x.iter().enumerate().map(|(j, v)| Tangent::variable(*v, j)).collect();
+                let mut scratch = vec![Tangent::zero(); states];
+                let y = if channel == Channel::Torque {
+                    rec::derivative(&input, k, effects, stretch.time_s[i], &x, &mut scratch).torque_nm
+                } else {
+                    rec::shown(effects, stretch.time_s[i], &x, &mut scratch)[channel as usize]
+                };
+                through.copy_from_slice(&y.slope[..states]);
+                out[first..first + count].copy_from_slice(&y.slope[states..states + count]);
+            });
+            for (j, f) in through.iter().enumerate() {
+                if *f != 0.0 {
+                    for (o, v) in out.iter_mut().zip(s.row(j)) {
+                        *o += f * v;
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,262 @@
+//! A set of stretches with weights: residuals, their derivatives, and the normal equations.
+
+use model::integrate::SimulationError;
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use rayon::prelude::*;
+
+use crate::layout::Layout;
+use crate::predict::{Initial, linearise, predict};
+use crate::prepare::{Channel, Stretch};
+
+/// What is fitted: stretches and the standard deviation of a single sample of each of their channels.
+#[derive(Clone, Debug, Default)]
+pub struct Problem {
+    /// The stretches.
+    pub stretches: Vec<Stretch>,
+    /// By stretch and [`Channel`]: standard deviation of one sample's noise, in the channel's unit.
+    pub std: Vec<[f64; 5]>,
+}
+
+/// A point in the space of a fit.
+#[derive(Clone, Debug)]
+pub struct Point {
+    /// In the order of the layout.
+    pub theta: Vec<f64>,
+    /// Corrections of the initial values, one a stretch.
+    pub initial: Vec<Initial>,
+}
+
+/// Weighted residuals of one stretch with their derivatives.
+pub struct Piece {
+    /// (measured - predicted) / standard error, one a target.
+    pub residual: Vec<f64>,
+    /// d predicted / d parameter / standard error, row-major with `columns + 3` columns.
+    pub slope: Vec<f64>,
+}
+
+/// Normal equations of a problem, the initial values eliminated.
+pub struct Normal {
+    /// J'J of the parameters after elimination.
+    pub matrix: DMatrix<f64>,
+    /// J'r likewise.
+    pub gradient: DVector<f64>,
+    /// By stretch: inverse of the initial values' block, their coupling to the parameters, and their gradient.
+    eliminated: Vec<(Matrix3<f64>, DMatrix<f64>, Vector3<f64>)>,
+}
+
+impl Problem {
+    /// Standard error of a target.
+    pub fn target_std(&self, stretch: usize, target: usize) -> f64 {
+        let t = &self.stretches[stretch].targets[target];
+        self.std[stretch][t.channel as usize] / (t.samples as f64).sqrt()
+    }
+
+    /// A point with these parameters and uncorrected initial values.
+    pub fn point(&self, theta: Vec<f64>) -> Point {
+        Point { theta, initial: vec![[0.0; 3]; self.stretches.len()] }
+    }
+
+    /// The stretches that `keep` selects.
+    pub fn part(&self, keep: impl Fn(usize, &Stretch) -> bool) -> (Problem, Vec<usize>) {
+        let chosen: Vec<usize> = (0..self.stretches.len()).filter(|&i| keep(i, &self.stretches[i])).collect();
+        let part = Problem {
+            stretches: chosen.iter().map(|&i| self.stretches[i].clone()).collect(),
+            std: chosen.iter().map(|&i| self.std[i]).collect(),
+        };
+        (part, chosen)
+    }
+
+    /// Number of targets.
+    pub fn targets(&self) -> usize {
+        self.stretches.iter().map(|s| s.targets.len()).sum()
+    }
+
+    /// Weighted residuals, stretch by stretch.
+    pub fn residuals(&self, layout: &Layout, point: &Point) -> Result<Vec<Vec<f64>>, SimulationError> {
+        (0..self.stretches.len())
+            .into_par_iter()
+            .with_max_len(1)
+            .map(|n| {
+                let y = predict(&self.stretches[n], layout, &point.theta, &point.initial[n])?;
+                Ok(self.weigh(n, &y))
+            })
+            .collect()
+    }
+
+    fn weigh(&self, n: usize, predicted: &[f64]) -> Vec<f64> {
+        let targets = &self.stretches[n].targets;
+        predicted.iter().enumerate().map(|(t, y)| (targets[t].measured - y) / self.target_std(n, t)).collect()
+    }
+
+    /// Sum of squares, with what the initial values' priors say.
+    pub fn cost_of(&self, residuals: &[Vec<f64>], point: &Point) -> f64 {
+        let fit: f64 = residuals.iter().flatten().map(|r| r * r).sum();
+        fit + self.prior(point)
+    }
+
+    fn prior(&self, point: &Point) -> f64 {
+        let mut sum = 0.0;
+        for (s, initial) in self.stretches.iter().zip(&point.initial) {
+            for j in 0..3 {
+                if s.initial_std[j] > 0.0 {
+                    sum += (initial[j] / s.initial_std[j]).powi(2);
+                }
+            }
+        }
+        sum
+    }
+
+    /// [`Self::cost_of`] at a point; infinite where the model can't be simulated.
+    pub fn cost(&self, layout: &Layout, point: &Point) -> f64 {
+        match self.residuals(layout, point) {
+            Ok(r) => {
+                let cost = self.cost_of(&r, point);
+                if cost.is_finite() { cost } else { f64::INFINITY }
+            }
+            Err(_) => f64::INFINITY,
+        }
+    }
+
+    /// Residuals and derivatives of every stretch.
+    pub fn linearise(&self, layout: &Layout, point: &Point) -> Result<Vec<Piece>, SimulationError> {
+        let columns = layout.len() + 3;
+        (0..self.stretches.len())
+            .into_par_iter()
+            .with_max_len(1)
+            .map(|n| {
+                let linear = linearise(&self.stretches[n], layout, &point.theta, &point.initial[n])?;
+                let residual = self.weigh(n, &linear.predicted);
+                let mut slope = linear.slope;
+                for (t, row) in slope.chunks_mut(columns).enumerate() {
+                    let std = self.target_std(n, t);
+                    row.iter_mut().for_each(|v| *v /= std);
+                }
+                Ok(Piece { residual, slope })
+            })
+            .collect()
+    }
+
+    /// Normal equations of linearised pieces.
+    pub fn normal(&self, pieces: &[Piece], columns: usize, point: &Point) -> Normal {
+        let mut matrix = DMatrix::zeros(columns, columns);
+        let mut gradient = DVector::zeros(columns);
+        let mut eliminated = Vec::new();
+        for (n, piece) in pieces.iter().enumerate() {
+            let all = columns + 3;
+            let (mut h, mut g) = (vec![0.0; all * all], vec![0.0; all]);
+            for (row, r) in piece.slope.chunks(all).zip(&piece.residual) {
+                for i in 0..all {
+                    let v = row[i];
+                    if v != 0.0 {
+                        g[i] += v * r;
+                        for (x, w) in h[i * all..i * all + i + 1].iter_mut().zip(row) {
+                            *x += v * w;
+                        }
+                    }
+                }
+            }
+            let at = |i: usize, j: usize| if i >= j { h[i * all + j] } else { h[j * all + i] };
+            let std = &self.stretches[n].initial_std;
+            let mut inner = Matrix3::zeros();
+            let mut inner_gradient = Vector3::zeros();
+            let mut free = [false; 3];
+            for i in 0..3 {
+                free[i] = std[i] > 0.0;
+                inner_gradient[i] = if free[i] { g[columns + i] - point.initial[n][i] / (std[i] * std[i]) } else { 0.0 };
+                for j in 0..3 {
+                    inner[(i, j)] = at(columns + i, columns + j);
+                }
+            }
+            for i in 0..3 {
+                for j in 0..3 {
+                    if !(free[i] && free[j]) {
+                        inner[(i, j)] = if i == j { 1.0 } else { 0.0 };
+                    }
+                }
+                if free[i] {
+                    inner[(i, i)] += 1.0 / (std[i] * std[i]);
+                }
+            }
+            let inverse = inner.try_inverse().unwrap_or_else(Matrix3::zeros);
+            let mut coupling = DMatrix::zeros(3, columns);
+            for i in (0..3).filter(|&i| free[i]) {
+                for j in 0..columns {
+                    coupling[(i, j)] = at(columns + i, j);
+                }
+            }
+            let reduced = inverse * &coupling;
+            for i in 0..columns {
+                gradient[i] += g[i];
+                for j in 0..columns {
+                    matrix[(i, j)] += at(i, j);
+                }
+            }
+            matrix -= coupling.transpose() * &reduced;
+            gradient -= reduced.transpose() * inner_gradient;
+            eliminated.push((inverse, coupling, inner_gradient));
+        }
+        Normal { matrix, gradient, eliminated }
+    }
+
+    /// Re-estimates the noise of each run and channel from the fast part of the residuals at a point, where that is larger
+    /// than what the channel itself shows (inputs that are measured bring noise of their own).
+    pub fn reweigh(&mut self, layout: &Layout, point: &Point) -> Result<(), SimulationError> {
+        let residuals = self.residuals(layout, point)?;
+        let runs: std::collections::BTreeSet<usize> = self.stretches.iter().map(|s| s.run).collect();
+        for run in runs {
+            for channel in Channel::ALL {
+                let mut series = Vec::new();
+                let members: Vec<usize> = (0..self.stretches.len()).filter(|&n| self.stretches[n].run == run).collect();
+                for &n in &members {
+                    let targets = &self.stretches[n].targets;
+                    series.extend((0..targets.len()).filter(|&t| targets[t].channel == channel).map(|t| residuals[n][t]));
+                    series.push(f64::NAN);
+                }
+                let factor = crate::noise::white_std(&series).unwrap_or(1.0);
+                if factor > 1.1 {
+                    for &n in &members {
+                        self.std[n][channel as usize] *= factor;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Normal {
+    /// What a stretch's initial values take of a gradient: their part of the parameters' gradient, and their own gradient
+    /// with fixed entries at 0.
+    pub(crate) fn eliminate(&self, stretch: usize, own: [f64; 3]) -> (Vec<f64>, [f64; 3]) {
+        let (inverse, coupling, _) = &self.eliminated[stretch];
+        let free = |i: usize| coupling.row(i).iter().any(|v| *v != 0.0);
+        let own = [0, 1, 2].map(|i| if free(i) { own[i] } else { 0.0 });
+        let direct = coupling.transpose() * (inverse * Vector3::from(own));
+        (direct.iter().copied().collect(), own)
+    }
+
+    /// The initial values' step for a parameter step and their own gradients.
+    pub(crate) fn back(&self, step: &DVector<f64>, own: &[[f64; 3]]) -> Vec<Initial> {
+        self.eliminated
+            .iter()
+            .zip(own)
+            .map(|((inverse, coupling, _), own)| {
+                let moved = coupling * step;
+                let d = inverse * (Vector3::from(*own) - Vector3::new(moved[0], moved[1], moved[2]));
+                [d[0], d[1], d[2]]
+            })
+            .collect()
+    }
+
+    /// What the initial values do when the parameters move by `step`.
+    pub fn initial_step(&self, step: &DVector<f64>) -> Vec<Initial> {
+        self.eliminated
+            .iter()
+            .map(|(inverse, coupling, gradient)| {
+                let moved = coupling * step;
+                let d = inverse * (gradient - Vector3::new(moved[0], moved[1], moved[2]));
+                [d[0], d[1], d[2]]
+            })
+            .collect()
+    }
+}

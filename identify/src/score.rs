@@ -1,0 +1,222 @@
+//! Which candidate could explain the residual: score tests, orthogonal to everything that is fitted already.
+//!
+//! A candidate's direction is a secant: the change of the predictions when the effect is added at one of its starts. What the
+//! base parameters and the initial values could do as well is projected out. The residual is coloured, so significance is
+//! never taken from single samples but from sums over clusters of several seconds.
+
+use model::effects::Effect;
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use crate::fit::{Fit, covariance};
+use crate::prepare::Stand;
+use crate::problem::{Normal, Piece, Problem};
+
+/// Length of a cluster where the lever moves freely, s: several times what the residual remembers.
+const CLUSTER_S: f64 = 5.0;
+
+/// A model with its residual and derivatives, ready to test candidates against.
+pub struct Scene<'a> {
+    problem: &'a Problem,
+    fit: &'a Fit,
+    pieces: Vec<Piece>,
+    normal: Normal,
+    inverse: DMatrix<f64>,
+    /// The residual with everything fitted projected out.
+    pub residual: Vec<Vec<f64>>,
+    /// Cluster of each target, stretch by stretch.
+    pub clusters: Vec<Vec<usize>>,
+    /// Number of clusters.
+    pub cluster_count: usize,
+}
+
+/// One direction of a candidate.
+pub struct Direction {
+    /// The candidate.
+    pub effect: &'static dyn Effect,
+    /// The parameters at which the secant was taken.
+    pub start: Vec<f64>,
+    /// The secant, orthogonal to everything fitted, stretch by stretch.
+    pub secant: Vec<Vec<f64>>,
+    /// secant . secant
+    pub square: f64,
+    /// secant . residual
+    pub with_residual: f64,
+}
+
+impl Direction {
+    /// By how much the start has to be scaled to explain the residual best.
+    pub fn scale(&self) -> f64 {
+        self.with_residual / self.square
+    }
+
+    /// Reduction of the cost along this direction; 0 where only an unphysical sign would reduce it.
+    pub fn gain(&self) -> f64 {
+        let one_sided = self.effect.header().parameters.iter().all(|p| !p.size || p.lower >= 0.0);
+        if self.square <= 0.0 || (one_sided && self.with_residual <= 0.0) {
+            0.0
+        } else {
+            self.with_residual * self.with_residual / self.square
+        }
+    }
+}
+
+impl<'a> Scene<'a> {
+    /// Linearises the fit.
+    pub fn new(problem: &'a Problem, fit: &'a Fit) -> Result<Self, model::integrate::SimulationError> {
+        let pieces = problem.linearise(&fit.layout, &fit.point)?;
+        let normal = problem.normal(&pieces, fit.layout.len(), &fit.point);
+        let inverse = covariance(&normal.matrix).map(|v| if v.is_finite() { v } else { 0.0 });
+        let (clusters, cluster_count) = clusters(problem);
+        let mut scene = Scene { problem, fit, pieces, normal, inverse, residual: Vec::new(), clusters, cluster_count };
+        let raw: Vec<Vec<f64>> = scene.pieces.iter().map(|p| p.residual.clone()).collect();
+        scene.residual = scene.orthogonal(raw);
+        Ok(scene)
+    }
+
+    /// Removes from a vector of targets what parameters and initial values can produce.
+    fn orthogonal(&self, mut v: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
+        let columns = self.fit.layout.len();
+        let all = columns + 3;
+        // J'v with the initial values eliminated: the same formula as for the gradient
+        let as_pieces: Vec<Vec<f64>> = self
+            .pieces
+            .iter()
+            .zip(&v)
+            .map(|(p, v)| {
+                let mut g = vec![0.0; all];
+                for (row, x) in p.slope.chunks(all).zip(v) {
+                    for (g, s) in g.iter_mut().zip(row) {
+                        *g += s * x;
+                    }
+                }
+                g
+            })
+            .collect();
+        let (reduced, inner) = self.normal.reduce(&as_pieces, columns);
+        let step = &self.inverse * reduced;
+        let initial = self.normal.back(&step, &inner);
+        for ((p, v), d) in self.pieces.iter().zip(&mut v).zip(&initial) {
+            for (row, x) in p.slope.chunks(all).zip(v.iter_mut()) {
+                let fitted: f64 = row[..columns].iter().zip(step.iter()).map(|(a, b)| a * b).sum();
+                *x -= fitted + row[columns] * d[0] + row[columns + 1] * d[1] + row[columns + 2] * d[2];
+            }
+        }
+        v
+    }
+
+    /// The directions of a candidate; those that can't be simulated or do nothing are left out.
+    pub fn directions(&self, effect: &'static dyn Effect) -> Vec<Direction> {
+        let layout = self.fit.layout.with(effect);
+        let base: Vec<Vec<f64>> = self.pieces.iter().map(|p| p.residual.clone()).collect();
+        effect
+            .header()
+            .starts
+            .par_iter()
+            .filter_map(|start| {
+                let mut point = self.fit.point.clone();
+                point.theta.extend_from_slice(start);
+                let with = self.problem.residuals(&layout, &point).ok()?;
+                let secant: Vec<Vec<f64>> = base
+                    .iter()
+                    .zip(&with)
+                    .map(|(a, b)| a.iter().zip(b).map(|(a, b)| a - b).collect())
+                    .collect();
+                let secant = self.orthogonal(secant);
+                let square = dot(&secant, &secant);
+                let with_residual = dot(&secant, &self.residual);
+                (square.is_finite() && square > 1e-6)
+                    .then(|| Direction { effect, start: start.to_vec(), secant, square, with_residual })
+            })
+            .collect()
+    }
+
+    /// Sums of secant times residual by cluster.
+    pub fn cluster_sums(&self, d: &Direction) -> Vec<f64> {
+        let mut sums = vec![0.0; self.cluster_count];
+        for ((s, r), c) in d.secant.iter().zip(&self.residual).zip(&self.clusters) {
+            for ((s, r), c) in s.iter().zip(r).zip(c) {
+                sums[*c] += s * r;
+            }
+        }
+        sums
+    }
+}
+
+impl Normal {
+    /// J'v of each stretch (parameters, then initial values), reduced like the gradient; and the initial values' own part.
+    fn reduce(&self, each: &[Vec<f64>], columns: usize) -> (DVector<f64>, Vec<[f64; 3]>) {
+        let mut out = DVector::zeros(columns);
+        let mut inner = Vec::new();
+        for (n, g) in each.iter().enumerate() {
+            let own = [g[columns], g[columns + 1], g[columns + 2]];
+            let (direct, own) = self.eliminate(n, own);
+            for j in 0..columns {
+                out[j] += g[j] - direct[j];
+            }
+            inner.push(own);
+        }
+        (out, inner)
+    }
+}
+
+/// Clusters of targets: stretches of [`CLUSTER_S`] where the lever is free or led, whole stretches elsewhere.
+fn clusters(problem: &Problem) -> (Vec<Vec<usize>>, usize) {
+    let mut count = 0;
+    let mut out = Vec::new();
+    for s in &problem.stretches {
+        let long = matches!(s.stand, Stand::Free | Stand::Led);
+        let first = s.time_s[0];
+        let of = |t: f64| if long { ((t - first) / CLUSTER_S) as usize } else { 0 };
+        out.push(s.targets.iter().map(|t| count + of(t.time_s)).collect());
+        count += 1 + of(s.time_s[s.rows() - 1]);
+    }
+    (out, count)
+}
+
+/// Scalar product over all targets.
+pub fn dot(a: &[Vec<f64>], b: &[Vec<f64>]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>()).sum()
+}
+
+/// Gram matrix of directions and their products with the residual.
+pub struct Gram {
+    matrix: DMatrix<f64>,
+    with_residual: DVector<f64>,
+}
+
+impl Gram {
+    /// Of all directions.
+    pub fn new(directions: &[Direction]) -> Self {
+        let n = directions.len();
+        let pairs: Vec<(usize, usize)> = (0..n).flat_map(|i| (0..=i).map(move |j| (i, j))).collect();
+        let products: Vec<f64> =
+            pairs.par_iter().map(|&(i, j)| dot(&directions[i].secant, &directions[j].secant)).collect();
+        let mut matrix = DMatrix::zeros(n, n);
+        for (&(i, j), p) in pairs.iter().zip(products) {
+            matrix[(i, j)] = p;
+            matrix[(j, i)] = p;
+        }
+        Gram { matrix, with_residual: DVector::from_iterator(n, directions.iter().map(|d| d.with_residual)) }
+    }
+
+    /// Reduction of the cost when all of these directions may be used together.
+    pub fn gain(&self, chosen: &[usize]) -> f64 {
+        let n = chosen.len();
+        if n == 0 {
+            return 0.0;
+        }
+        let scale: Vec<f64> = chosen.iter().map(|&i| self.matrix[(i, i)].sqrt()).collect();
+        let m = DMatrix::from_fn(n, n, |i, j| self.matrix[(chosen[i], chosen[j])] / (scale[i] * scale[j]));
+        let b = DVector::from_fn(n, |i, _| self.with_residual[chosen[i]] / scale[i]);
+        let eigen = m.symmetric_eigen();
+        let along = eigen.eigenvectors.transpose() * b;
+        // directions that are the same but for curvature must not be combined into a difference of large numbers
+        along.iter().zip(eigen.eigenvalues.iter()).filter(|(_, l)| **l > 1e-3).map(|(a, l)| a * a / l).sum()
+    }
+
+    /// Cosine between two directions.
+    pub fn cosine(&self, i: usize, j: usize) -> f64 {
+        self.matrix[(i, j)] / (self.matrix[(i, i)] * self.matrix[(j, j)]).sqrt()
+    }
+}

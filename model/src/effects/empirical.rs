@@ -1,0 +1,273 @@
+//! Terms without a name: smooth functions of the signals of a port, one set per balance. They say how much of a residual
+//! sits in a balance, and give a curve, where no effect of the library explains it. They claim no physics and are not part
+//! of the library.
+
+use super::{Balance, Effect, Header, Law, Parameter};
+use crate::port::{AMBIENT_BAR, Port, PortKind, Rest};
+use crate::scalar::Scalar;
+
+/// One set of terms per balance, in the order of [`Balance::ALL`].
+pub static EMPIRICAL: [&dyn Effect; 4] = [&EmpiricalTorque, &EmpiricalFlow, &EmpiricalPump, &EmpiricalSensor];
+
+const fn term(name: &'static str, unit: &'static str, typical: f64) -> Parameter {
+    Parameter { name, unit, lower: -1e3, upper: 1e3, typical, size: true }
+}
+
+const VALIDITY: &str = "the range of the data it was fitted to";
+const MEASURE: &str = "not a physical effect: look at the curve for one";
+/// Growth with running time, 1 - exp(-t/30 s).
+fn grown(time_s: f64) -> f64 {
+    1.0 - (-time_s / 30.0).exp()
+}
+
+/// Torque as a function of angle, velocity, pressures, time and of the angle's past.
+pub struct EmpiricalTorque;
+
+impl Law for EmpiricalTorque {
+    const HEADER: Header = Header {
+        id: "empirical_torque",
+        balance: Balance::Torque,
+        ports: &[PortKind::Mechanical],
+        summary: "a smooth torque over angle, velocity, pressure and time",
+        equation: "M += sum of c_i * term_i; angle in units of 0.7 rad, velocity direction tanh(w/0.03)",
+        validity: VALIDITY,
+        measure: MEASURE,
+        literature: "",
+        parameters: &[
+            term("constant", "Nm", 0.02),
+            term("angle2", "Nm", 0.05),
+            term("angle3", "Nm", 0.05),
+            term("direction", "Nm", 0.02),
+            term("direction_angle2", "Nm", 0.05),
+            term("direction_load", "Nm/bar", 0.02),
+            term("load_angle", "Nm/bar", 0.02),
+            term("dp_angle2", "Nm/bar", 0.05),
+            term("time_direction", "Nm", 0.05),
+            term("past_angle", "Nm", 0.05),
+        ],
+        states: 1,
+        starts: &[
+            &[0.02, 0., 0., 0., 0., 0., 0., 0., 0., 0.],
+            &[0., 0.05, 0., 0., 0., 0., 0., 0., 0., 0.],
+            &[0., 0., 0.05, 0., 0., 0., 0., 0., 0., 0.],
+            &[0., 0., 0., 0.02, 0., 0., 0., 0., 0., 0.],
+            &[0., 0., 0., 0., 0.05, 0., 0., 0., 0., 0.],
+            &[0., 0., 0., 0., 0., 0.02, 0., 0., 0., 0.],
+            &[0., 0., 0., 0., 0., 0., 0.02, 0., 0., 0.],
+            &[0., 0., 0., 0., 0., 0., 0., 0.05, 0., 0.],
+            &[0., 0., 0., 0., 0., 0., 0., 0., 0.05, 0.],
+            &[0., 0., 0., 0., 0., 0., 0., 0., 0., 0.05],
+        ],
+        passive: false,
+    };
+
+    fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Mechanical(m) = port {
+            let a = m.angle_rad / 0.7;
+            let a2 = a * a;
+            let direction = (m.velocity_rad_s / 0.03).tanh();
+            // what the angle was half a second ago
+            dx[0] = (a - x[0]) / 0.5;
+            m.torque_nm += k[0]
+                + k[1] * a2
+                + k[2] * a2 * a
+                + direction * (k[3] + k[4] * a2 + k[5] * m.load_bar + k[8] * grown(m.time_s))
+                + k[6] * m.load_bar * a
+                + k[7] * m.dp_bar * a2
+                + k[9] * (a - x[0]);
+        }
+    }
+
+    fn rest<S: Scalar>(&self, _k: &[S], rest: &Rest<S>, x: &mut [S]) {
+        x[0] = rest.angle_rad / 0.7;
+    }
+}
+
+/// Flows into the chambers, their capacity and displacement.
+pub struct EmpiricalFlow;
+
+impl Law for EmpiricalFlow {
+    const HEADER: Header = Header {
+        id: "empirical_flow",
+        balance: Balance::Flow,
+        ports: &[PortKind::Hydraulic],
+        summary: "smooth flows, capacities and displacements over pressure, angle and time",
+        equation: "q_i, C_i, C_v,i += sum of c_i * term_i; angle in units of 0.7 rad",
+        validity: VALIDITY,
+        measure: MEASURE,
+        literature: "",
+        parameters: &[
+            term("leak_both", "ml/(s bar)", 0.002),
+            term("leak_difference", "ml/(s bar)", 0.002),
+            term("transfer", "ml/(s bar)", 0.01),
+            term("transfer_cubic", "ml/(s bar^3)", 0.01),
+            term("capacity_low_pressure", "ml bar", 0.1),
+            term("capacity_difference", "ml/bar", 0.02),
+            term("capacity_angle2", "ml/bar", 0.05),
+            term("displacement_pressure", "ml/(rad bar)", 0.2),
+            term("displacement_difference", "ml/rad", 0.2),
+            term("displacement_angle2", "ml/rad", 0.5),
+            term("past_pressure", "ml/(s bar)", 0.02),
+        ],
+        states: 2,
+        starts: &[
+            &[0.002, 0., 0., 0., 0., 0., 0., 0., 0., 0., 0.],
+            &[0., 0.002, 0., 0., 0., 0., 0., 0., 0., 0., 0.],
+            &[0., 0., 0.01, 0., 0., 0., 0., 0., 0., 0., 0.],
+            &[0., 0., 0., 0.01, 0., 0., 0., 0., 0., 0., 0.],
+            &[0., 0., 0., 0., 0.1, 0., 0., 0., 0., 0., 0.],
+            &[0., 0., 0., 0., 0., 0.02, 0., 0., 0., 0., 0.],
+            &[0., 0., 0., 0., 0., 0., 0.05, 0., 0., 0., 0.],
+            &[0., 0., 0., 0., 0., 0., 0., 0.2, 0., 0., 0.],
+            &[0., 0., 0., 0., 0., 0., 0., 0., 0.2, 0., 0.],
+            &[0., 0., 0., 0., 0., 0., 0., 0., 0., 0.5, 0.],
+            &[0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0.02],
+        ],
+        passive: false,
+    };
+
+    fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Hydraulic(h) = port {
+            let dp = h.pressure_bar[0] - h.pressure_bar[1];
+            let a = h.angle_rad / 0.7;
+            if !h.shut_off {
+                let transfer = k[2] * dp + k[3] * dp * dp * dp;
+                h.flow_ml_s[0] -= transfer;
+                h.flow_ml_s[1] += transfer;
+            }
+            for (i, side) in [(0, 1.0), (1, -1.0)] {
+                let p = h.pressure_bar[i];
+                let gauge = p - AMBIENT_BAR;
+                // half a second's memory of the pressure
+                dx[i] = (p - x[i]) / 0.5;
+                h.flow_ml_s[i] -= gauge * (k[0] + k[1] * side) + k[10] * (p - x[i]);
+                h.capacity_ml_bar[i] += k[4] / (p * p) + k[5] * side + k[6] * a * a;
+                h.displacement_ml_rad[i] += k[7] * (p - 2.5) * side + k[8] + k[9] * a * a * side;
+            }
+        }
+    }
+
+    fn rest<S: Scalar>(&self, _k: &[S], rest: &Rest<S>, x: &mut [S]) {
+        x.copy_from_slice(&rest.pressure_bar);
+    }
+}
+
+/// Flow through pump and line.
+pub struct EmpiricalPump;
+
+impl Law for EmpiricalPump {
+    const HEADER: Header = Header {
+        id: "empirical_pump",
+        balance: Balance::Pump,
+        ports: &[PortKind::Line],
+        summary: "a smooth flow through the pump over voltage, its past and time",
+        equation: "Q += sum of c_i * term_i while oil can pass; voltage in units of 24 V",
+        validity: VALIDITY,
+        measure: MEASURE,
+        literature: "",
+        parameters: &[
+            term("voltage2", "ml/s", 0.05),
+            term("voltage_square_odd", "ml/s", 0.05),
+            term("voltage3", "ml/s", 0.05),
+            term("dp_voltage2", "ml/(s bar)", 0.05),
+            term("dp3", "ml/(s bar^3)", 0.01),
+            term("time_dp", "ml/(s bar)", 0.02),
+            term("time_voltage", "ml/s", 0.05),
+            term("past_voltage_fast", "ml/s", 0.5),
+            term("past_voltage_slow", "ml/s", 0.2),
+        ],
+        states: 2,
+        starts: &[
+            &[0.05, 0., 0., 0., 0., 0., 0., 0., 0.],
+            &[0., 0.05, 0., 0., 0., 0., 0., 0., 0.],
+            &[0., 0., 0.05, 0., 0., 0., 0., 0., 0.],
+            &[0., 0., 0., 0.05, 0., 0., 0., 0., 0.],
+            &[0., 0., 0., 0., 0.01, 0., 0., 0., 0.],
+            &[0., 0., 0., 0., 0., 0.02, 0., 0., 0.],
+            &[0., 0., 0., 0., 0., 0., 0.05, 0., 0.],
+            &[0., 0., 0., 0., 0., 0., 0., 0.5, 0.],
+            &[0., 0., 0., 0., 0., 0., 0., 0., 0.2],
+        ],
+        passive: false,
+    };
+
+    fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Line(l) = port {
+            let u = l.voltage_v / 24.0;
+            dx[0] = (u - x[0]) / 0.01;
+            dx[1] = (u - x[1]) / 0.2;
+            if l.open {
+                let dp = l.dp_bar;
+                l.flow_ml_s += k[0] * u * u
+                    + k[1] * u * u.abs()
+                    + k[2] * u * u * u
+                    + k[3] * dp * u * u
+                    + k[4] * dp * dp * dp
+                    + (k[5] * dp + k[6] * u) * grown(l.time_s)
+                    + k[7] * (x[0] - u)
+                    + k[8] * (x[1] - u);
+            }
+        }
+    }
+
+    fn rest<S: Scalar>(&self, _k: &[S], rest: &Rest<S>, x: &mut [S]) {
+        x.fill(S::constant(rest.voltage_v / 24.0));
+    }
+}
+
+/// What the sensors show.
+pub struct EmpiricalSensor;
+
+impl Law for EmpiricalSensor {
+    const HEADER: Header = Header {
+        id: "empirical_sensor",
+        balance: Balance::Sensor,
+        ports: &[PortKind::Sensor],
+        summary: "zero, gain, drift and lag of the sensors",
+        equation: "shown += sum of c_i * term_i",
+        validity: VALIDITY,
+        measure: MEASURE,
+        literature: "",
+        parameters: &[
+            term("angle_zero", "deg", 0.05),
+            term("angle_gain", "1", 0.002),
+            term("pressure1_zero", "bar", 0.02),
+            term("pressure2_zero", "bar", 0.02),
+            term("pressure1_gain", "1", 0.005),
+            term("pressure2_gain", "1", 0.005),
+            term("pressure1_drift", "bar", 0.02),
+            term("pressure2_drift", "bar", 0.02),
+            term("pressure1_past", "1", 0.05),
+            term("pressure2_past", "1", 0.05),
+        ],
+        states: 2,
+        starts: &[
+            &[0.05, 0., 0., 0., 0., 0., 0., 0., 0., 0.],
+            &[0., 0.002, 0., 0., 0., 0., 0., 0., 0., 0.],
+            &[0., 0., 0.02, 0., 0., 0., 0., 0., 0., 0.],
+            &[0., 0., 0., 0.02, 0., 0., 0., 0., 0., 0.],
+            &[0., 0., 0., 0., 0.005, 0., 0., 0., 0., 0.],
+            &[0., 0., 0., 0., 0., 0.005, 0., 0., 0., 0.],
+            &[0., 0., 0., 0., 0., 0., 0.02, 0., 0., 0.],
+            &[0., 0., 0., 0., 0., 0., 0., 0.02, 0., 0.],
+            &[0., 0., 0., 0., 0., 0., 0., 0., 0.05, 0.],
+            &[0., 0., 0., 0., 0., 0., 0., 0., 0., 0.05],
+        ],
+        passive: false,
+    };
+
+    fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Sensor(s) = port {
+            for i in 0..2 {
+                let p = s.pressure_bar[i];
+                dx[i] = (p - x[i]) / 0.02;
+                s.pressure_bar[i] = p + k[2 + i] + k[4 + i] * (p - 2.5) + k[6 + i] * grown(s.time_s) + k[8 + i] * (x[i] - p);
+            }
+            s.angle_deg = s.angle_deg + k[0] + k[1] * s.angle_deg;
+        }
+    }
+
+    fn rest<S: Scalar>(&self, _k: &[S], rest: &Rest<S>, x: &mut [S]) {
+        x.copy_from_slice(&rest.pressure_bar);
+    }
+}
