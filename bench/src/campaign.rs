@@ -139,8 +139,11 @@ impl Session {
     }
 }
 
-/// The folder, empty of campaigns.
-fn make_folder(dir: &Path) -> Result<(), Failure> {
+/// Makes the folder of a new campaign.
+///
+/// # Errors
+/// It holds a campaign already, which is never overwritten, or the system refuses (2).
+pub fn make_folder(dir: &Path) -> Result<(), Failure> {
     if dir.join(CAMPAIGN_FILE).exists() {
         let message = format!(
             "{}: expected a folder without a campaign, got one with {CAMPAIGN_FILE}; a measurement is never overwritten, \

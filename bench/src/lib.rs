@@ -3,6 +3,7 @@
 pub mod campaign;
 pub mod commands;
 pub mod controller;
+pub mod emulation;
 pub mod failure;
 pub mod interrupt;
 pub mod logger;
