@@ -265,23 +265,8 @@ impl EmulatedRig {
         DeviceError { device: NAME, tick, what }
     }
 
-    /// What no rig could be told.
-    fn check(&self, now: Tick, command: &Command) -> Result<(), DeviceError> {
-        if self.tick != Some(now.index) {
-            let at = self.tick.map_or("before the first read".to_owned(), |tick| format!("at tick {tick}"));
-            return Err(
-                self.refuse(now.index, format!("expected a read of this tick before its write, got a write {at}"))
-            );
-        }
-        settings::check_command(command, self.u_max_v).map_err(|what| self.refuse(now.index, what))
-    }
-}
-
-impl Device for EmulatedRig {
-    fn read(&mut self, now: Tick) -> Result<Measurement, DeviceError> {
-        if let Some(error) = &self.failed {
-            return Err(error.clone());
-        }
+    /// Moves the state on to this tick.
+    fn reach(&mut self, now: Tick) -> Result<(), DeviceError> {
         let mut tick = self.tick.unwrap_or(now.index);
         if tick > now.index {
             return Err(self.refuse(now.index, format!("expected no tick before {tick}: time went backwards")));
@@ -294,13 +279,29 @@ impl Device for EmulatedRig {
             tick += 1;
         }
         self.tick = Some(tick);
-        Ok(self.measure(tick))
+        Ok(())
+    }
+
+    /// What no rig could be told.
+    fn check(&self, now: Tick, command: &Command) -> Result<(), DeviceError> {
+        settings::check_command(command, self.u_max_v).map_err(|what| self.refuse(now.index, what))
+    }
+}
+
+impl Device for EmulatedRig {
+    fn read(&mut self, now: Tick) -> Result<Measurement, DeviceError> {
+        if let Some(error) = &self.failed {
+            return Err(error.clone());
+        }
+        self.reach(now)?;
+        Ok(self.measure(now.index))
     }
 
     fn write(&mut self, now: Tick, command: &Command) -> Result<(), DeviceError> {
         if let Some(error) = &self.failed {
             return Err(error.clone());
         }
+        self.reach(now)?;
         self.check(now, command)?;
         let before = std::mem::replace(&mut self.command, *command);
         if let (Some(pressure_bar), false) = (self.aside_bar, matches!(command.fixture, Fixture::PumpBench { .. })) {

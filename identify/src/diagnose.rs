@@ -98,6 +98,13 @@ const PREFERRED: f64 = 3.0;
 /// Most effects that are added one after the other.
 const MOST_EFFECTS: usize = 3;
 
+/// Candidates are screened and first refitted on this much of each run with a free lever, s; the leaders then on all.
+const BRIEF_S: f64 = 40.0;
+/// Horizon over which a start from the component experiments is led, s.
+const SHORT_S: f64 = 8.0;
+/// Structured residual (noise floors) from which an effect counts as gross.
+const GROSS: f64 = 1.5;
+
 /// A round of candidates at the current model.
 struct Round<'a> {
     scene: Scene<'a>,
@@ -130,10 +137,8 @@ impl<'a> Round<'a> {
     fn p_value(&self, keep: impl Fn(&Direction) -> bool) -> f64 {
         let chosen: Vec<&Direction> = self.directions.iter().filter(|d| keep(d)).collect();
         let sums: Vec<Vec<f64>> = chosen.iter().map(|d| self.scene.cluster_sums(d)).collect();
-        let one_sided: Vec<bool> = chosen
-            .iter()
-            .map(|d| d.effect.header().parameters.iter().all(|p| !p.size || p.lower >= 0.0))
-            .collect();
+        let one_sided: Vec<bool> =
+            chosen.iter().map(|d| d.effect.header().parameters.iter().all(|p| !p.size || p.lower >= 0.0)).collect();
         p_of_largest(&sums, &one_sided, 20)
     }
 
@@ -149,8 +154,13 @@ impl<'a> Round<'a> {
             .collect();
         singles.sort_by(|a, b| b.0.total_cmp(&a.0));
         let Some(&(top, _)) = singles.first() else { return Vec::new() };
-        let mut out: Vec<Vec<&'static dyn Effect>> =
-            singles.iter().take(most).filter(|(g, _)| *g > 0.1 * top).map(|(_, n)| vec![candidates[*n]]).collect();
+        let mut out: Vec<Vec<&'static dyn Effect>> = singles
+            .iter()
+            .take(most)
+            .enumerate()
+            .filter(|(i, (g, _))| *i < 3 || *g > 0.1 * top)
+            .map(|(_, (_, n))| vec![candidates[*n]])
+            .collect();
         let mut pair: Option<(f64, usize, usize)> = None;
         for i in 0..candidates.len() {
             for j in 0..i {
@@ -173,6 +183,8 @@ impl<'a> Round<'a> {
 /// Runs the whole chain.
 pub fn diagnose(identified: &Identified, progress: &dyn Fn(&str)) -> Result<Diagnosis, SimulationError> {
     let problem = &identified.problem;
+    let brief = &problem.shortened(BRIEF_S);
+    let short = &problem.shortened(SHORT_S);
     let component = identified.fit.layout.vector_of(&identified.component);
     let mut current = identified.fit.clone();
     let mut added: Vec<Added> = Vec::new();
@@ -180,17 +192,19 @@ pub fn diagnose(identified: &Identified, progress: &dyn Fn(&str)) -> Result<Diag
     let mut next_experiment = None;
     let mut tie = false;
 
-    let first = Round::new(problem, &identified.fit, LIBRARY.iter().chain(EMPIRICAL.iter()).copied())?;
+    let first = Round::new(brief, &identified.fit, LIBRARY.iter().copied())?;
     progress("candidates scored");
+    let (clusters, count) = crate::score::clusters(problem);
     let residual_before = problem.residuals(&current.layout, &current.point)?;
-    let parts_before = misfit::parts(problem, &residual_before, &first.scene.clusters);
-    let (clusters, count) = (first.scene.clusters.clone(), first.scene.cluster_count);
+    let parts_before = misfit::parts(problem, &residual_before, &clusters);
 
     for round_number in 0..MOST_EFFECTS {
         let residual = problem.residuals(&current.layout, &current.point)?;
         let parts = misfit::parts(problem, &residual, &clusters);
         let ids: Vec<&'static str> = current.layout.effects.iter().map(|e| e.header().id).collect();
-        if misfit::largest(&parts) < MATERIAL {
+        let largest = misfit::largest(&parts);
+        tracing::info!(round_number, largest, "structured residual, noise floors");
+        if largest < MATERIAL {
             break;
         }
         let later;
@@ -198,99 +212,106 @@ pub fn diagnose(identified: &Identified, progress: &dyn Fn(&str)) -> Result<Diag
             &first
         } else {
             let open = LIBRARY.iter().copied().filter(|e| !ids.contains(&e.header().id));
-            later = Round::new(problem, &current, open)?;
+            later = Round::new(brief, &current, open)?;
             &later
         };
-        let library = |d: &Direction| LIBRARY.iter().any(|e| e.header().id == d.effect.header().id);
-        if round.p_value(library) > LEVEL {
+        let p = round.p_value(|_| true);
+        if p > LEVEL {
+            tracing::info!(p, "no candidate is significant");
             break;
         }
-        let gross = misfit::largest(&parts) > 1.5;
+        let gross = largest > GROSS;
         let shortlist = round.shortlist(&ids, if gross { 6 } else { 5 });
-        let bases = Bases { current: &current, component: &component };
-        let refits = refit_all(problem, &bases, round, &shortlist, progress);
+        let bases = Bases { current: &current, component: &component, short, gross };
+        let refits = refit_all(brief, &bases, round, &shortlist, progress);
         let Some(best) = refits.first() else { break };
-        let after = problem.residuals(&best.fit.layout, &best.fit.point)?;
+        let ranked = rank(brief, &refits)?;
+        if ranking.is_empty() {
+            ranking = ranked.clone();
+        }
+        let whole = Effort { iterations: 12, tolerance: 1e-6, ..Effort::default() };
+        let Ok(fit) = crate::fit::fit(problem, &best.fit.layout, best.fit.point.clone(), whole) else { break };
+        let after = problem.residuals(&fit.layout, &fit.point)?;
         let (_, better) = advantage(&residual, &after, &clusters, count);
         let remaining = misfit::parts(problem, &after, &clusters);
         let removed = (misfit::total(&parts) - misfit::total(&remaining)).max(0.0).sqrt();
-        let std = standard_errors(problem, &best.fit)?;
-        let names = best.added.clone();
-        let sound = names.iter().all(|id| {
-            let n = best.fit.layout.effects.iter().position(|e| e.header().id == *id);
-            n.is_some_and(|n| is_sound(&best.fit, &std, n))
-        });
-        tracing::info!(?names, better, removed, sound, cost = best.fit.cost, "best candidate");
+        let std = standard_errors(problem, &fit)?;
+        let position = |id: &str| fit.layout.effects.iter().position(|e| e.header().id == id);
+        let sound = best.added.iter().all(|id| position(id).is_some_and(|n| is_sound(&fit, &std, n)));
+        tracing::info!(names = ?best.added, better, removed, sound, cost = fit.cost, "best candidate");
         if better < PREFERRED || removed < MATERIAL || !sound {
-            if round_number == 0 {
-                ranking = rank(problem, &refits, &clusters, count)?;
-            }
             break;
         }
-        let ranked = rank(problem, &refits, &clusters, count)?;
-        let rivals = rivals(problem, &refits, &clusters, count)?;
+        let rivals = rivals(brief, &refits)?;
         if let Some(rival) = rivals.first() {
-            next_experiment = Some(where_they_differ(identified, &best.fit, &rival.fit)?);
+            next_experiment = Some(where_they_differ(brief, &best.fit, &rival.fit)?);
             tie = true;
         }
-        for id in &names {
-            let n = best.fit.layout.effects.iter().position(|e| e.header().id == *id).unwrap_or(0);
+        for id in &best.added {
+            let Some(n) = position(id) else { continue };
             added.push(Added {
-                effect: best.fit.layout.effects[n],
-                probability: ranked.iter().find(|r| r.id == *id).map_or(0.5, |r| r.probability),
-                equivalent: rivals.iter().flat_map(|r| r.added.iter().map(|s| s.to_string())).collect(),
+                effect: fit.layout.effects[n],
+                probability: ranked.iter().find(|r| r.id == best.added.join("+")).map_or(0.0, |r| r.probability),
+                equivalent: rivals.iter().map(|r| r.added.join("+")).collect(),
                 values: Vec::new(),
                 std: Vec::new(),
             });
         }
-        if ranking.is_empty() {
-            ranking = ranked;
-        }
-        current = best.fit.clone();
-        progress(&format!("added {}", names.join(" and ")));
+        progress(&format!("added {}", best.added.join(" and ")));
+        current = fit;
     }
 
-    let last = Round::new(problem, &current, LIBRARY.iter().chain(EMPIRICAL.iter()).copied().filter(|e| {
-        !current.layout.effects.iter().any(|a| a.header().id == e.header().id)
-    }))?;
+    let carried: Vec<&'static str> = current.layout.effects.iter().map(|e| e.header().id).collect();
+    let last;
+    let last = if carried.is_empty() {
+        &first
+    } else {
+        let open = LIBRARY.iter().copied().filter(|e| !carried.contains(&e.header().id));
+        last = Round::new(brief, &current, open)?;
+        &last
+    };
     let residual_after = problem.residuals(&current.layout, &current.point)?;
     let mut parts_after = misfit::parts(problem, &residual_after, &clusters);
     let mut explained = explained_share(&parts_before, &parts_after);
-    let left = misfit::largest(&parts_after);
-    let unexplained = left >= MATERIAL
-        && (added.is_empty() || explained < EXPLAINED)
-        && last.p_value(|_| true) <= LEVEL;
-    let mut verdict = if added.is_empty() {
-        Verdict::None
-    } else if tie {
-        Verdict::Ambiguous
-    } else {
-        Verdict::Attributed
+    let mut verdict = match (added.is_empty(), tie) {
+        (true, _) => Verdict::None,
+        (false, true) => Verdict::Ambiguous,
+        (false, false) => Verdict::Attributed,
     };
     let mut after = current.clone();
-    if unexplained
-        && let Some((effect, fit)) = empirical(problem, identified, &component, &first, progress)
-    {
+    let unexplained = misfit::largest(&parts_after) >= MATERIAL && (added.is_empty() || explained < EXPLAINED);
+    if unexplained && let Some((effect, fit)) = empirical(brief, short, problem, identified, &component, progress)? {
         let residual = problem.residuals(&fit.layout, &fit.point)?;
         let parts = misfit::parts(problem, &residual, &clusters);
         let share = explained_share(&parts_before, &parts);
-        tracing::info!(balance = effect.header().balance.as_str(), share, explained, "empirical term");
+        let (_, better) = advantage(&residual_before, &residual, &clusters, count);
+        tracing::info!(balance = effect.header().balance.as_str(), share, explained, better, "empirical term");
         // coloured sensor noise is no misfit of the plant: the terms must explain a good part of it
-        if share > 0.3 {
+        if share > 0.3 && better > PREFERRED {
             verdict = Verdict::Unrecognised;
-            added = vec![Added { effect, probability: 1.0, equivalent: Vec::new(), values: Vec::new(), std: Vec::new() }];
+            added =
+                vec![Added { effect, probability: 1.0, equivalent: Vec::new(), values: Vec::new(), std: Vec::new() }];
             after = fit;
             parts_after = parts;
             explained = share;
         }
     }
-    let balances = balance_p_values(&first, &last, &added);
+    let balances = balance_p_values(&first, last, &added);
     fill_values(problem, &after, &mut added)?;
     if verdict == Verdict::None {
-        after = identified.fit.clone();
         explained = 1.0;
     }
-    Ok(Diagnosis { verdict, effects: added, ranking, balances, after, parts_before, parts_after, explained, next_experiment })
+    Ok(Diagnosis {
+        verdict,
+        effects: added,
+        ranking,
+        balances,
+        after,
+        parts_before,
+        parts_after,
+        explained,
+        next_experiment,
+    })
 }
 
 /// 1 - structured residual after / before, over the parts that decide.
@@ -321,9 +342,10 @@ fn refit_all(
             out.push(r);
         }
     }
-    out.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
-    // the leaders are brought to their minimum before they are compared
-    for r in out.iter_mut().take(2) {
+    // those that come near the best are brought to their minimum before they are compared
+    let best = out.iter().map(|r| r.fit.cost).fold(f64::INFINITY, f64::min);
+    let near = best + 0.3 * (problem.cost(&bases.current.layout, &bases.current.point) - best).max(0.0);
+    for r in out.iter_mut().filter(|r| r.fit.cost <= near) {
         let effort = Effort { iterations: 10, tolerance: 1e-6, ..Effort::default() };
         if let Ok(fit) = crate::fit::fit(problem, &r.fit.layout, r.fit.point.clone(), effort) {
             r.fit = fit;
@@ -349,7 +371,8 @@ fn is_sound(fit: &Fit, std: &[f64], n: usize) -> bool {
 }
 
 /// Candidates that the clusters don't tell from the best one.
-fn rivals(problem: &Problem, refits: &[Refit], clusters: &[Vec<usize>], count: usize) -> Result<Vec<Refit>, SimulationError> {
+fn rivals(problem: &Problem, refits: &[Refit]) -> Result<Vec<Refit>, SimulationError> {
+    let (clusters, count) = crate::score::clusters(problem);
     let best = problem.residuals(&refits[0].fit.layout, &refits[0].fit.point)?;
     let mut out = Vec::new();
     for r in &refits[1..] {
@@ -358,7 +381,7 @@ fn rivals(problem: &Problem, refits: &[Refit], clusters: &[Vec<usize>], count: u
             continue;
         }
         let other = problem.residuals(&r.fit.layout, &r.fit.point)?;
-        let (_, z) = advantage(&other, &best, clusters, count);
+        let (_, z) = advantage(&other, &best, &clusters, count);
         if z < PREFERRED {
             out.push(r.clone());
         }
@@ -367,27 +390,23 @@ fn rivals(problem: &Problem, refits: &[Refit], clusters: &[Vec<usize>], count: u
 }
 
 /// Probabilities of the refitted candidates from how far they stand behind the best, in standard errors.
-fn rank(problem: &Problem, refits: &[Refit], clusters: &[Vec<usize>], count: usize) -> Result<Vec<Ranked>, SimulationError> {
+fn rank(problem: &Problem, refits: &[Refit]) -> Result<Vec<Ranked>, SimulationError> {
+    let (clusters, count) = crate::score::clusters(problem);
     let Some(first) = refits.first() else { return Ok(Vec::new()) };
     let best = problem.residuals(&first.fit.layout, &first.fit.point)?;
     let mut weights = Vec::new();
     for r in refits {
         let other = problem.residuals(&r.fit.layout, &r.fit.point)?;
-        let (total, z) = advantage(&other, &best, clusters, count);
+        let (total, z) = advantage(&other, &best, &clusters, count);
         let weight = (-0.5 * z.max(0.0).powi(2)).exp().max((-0.5 * total.max(0.0)).exp());
         weights.push(weight);
     }
     let sum: f64 = weights.iter().sum();
-    Ok(refits
-        .iter()
-        .zip(weights)
-        .map(|(r, w)| Ranked { id: r.added.join("+"), probability: w / sum })
-        .collect())
+    Ok(refits.iter().zip(weights).map(|(r, w)| Ranked { id: r.added.join("+"), probability: w / sum }).collect())
 }
 
 /// The run in which two models differ most, as advice.
-fn where_they_differ(identified: &Identified, a: &Fit, b: &Fit) -> Result<String, SimulationError> {
-    let problem = &identified.problem;
+fn where_they_differ(problem: &Problem, a: &Fit, b: &Fit) -> Result<String, SimulationError> {
     let ra = problem.residuals(&a.layout, &a.point)?;
     let rb = problem.residuals(&b.layout, &b.point)?;
     let mut by_run: std::collections::BTreeMap<usize, (f64, usize)> = Default::default();
@@ -411,29 +430,24 @@ fn where_they_differ(identified: &Identified, a: &Fit, b: &Fit) -> Result<String
 
 /// The balance whose nameless terms explain most, refitted.
 fn empirical(
+    brief: &Problem,
+    short: &Problem,
     problem: &Problem,
     identified: &Identified,
     component: &[f64],
-    first: &Round,
     progress: &dyn Fn(&str),
-) -> Option<(&'static dyn Effect, Fit)> {
+) -> Result<Option<(&'static dyn Effect, Fit)>, SimulationError> {
+    let round = Round::new(brief, &identified.fit, EMPIRICAL.iter().copied())?;
     let mut gains: Vec<(f64, &'static dyn Effect)> =
-        EMPIRICAL.iter().map(|e| (first.gram.gain(&first.of(e.header().id)), *e)).collect();
+        EMPIRICAL.iter().map(|e| (round.gram.gain(&round.of(e.header().id)), *e)).collect();
     gains.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let bases = Bases { current: &identified.fit, component };
-    let mut best: Option<(&'static dyn Effect, Fit)> = None;
-    for (_, effect) in gains.into_iter().take(3) {
-        let directions: Vec<&Direction> =
-            first.of(effect.header().id).into_iter().map(|i| &first.directions[i]).collect();
-        let effort = Effort { iterations: 10, tolerance: 1e-3, ..Effort::default() };
-        if let Some(r) = refit(problem, &bases, &[(effect, directions)], effort) {
-            progress(&format!("{} fitted: cost {:.0} from {:.0}", effect.header().id, r.fit.cost, identified.fit.cost));
-            if best.as_ref().is_none_or(|(_, f)| r.fit.cost < f.cost) {
-                best = Some((effect, r.fit));
-            }
-        }
-    }
-    best
+    let bases = Bases { current: &identified.fit, component, short, gross: false };
+    let sets: Vec<Vec<&'static dyn Effect>> = gains.into_iter().take(3).map(|(_, e)| vec![e]).collect();
+    let Some(best) = refit_all(brief, &bases, &round, &sets, progress).into_iter().next() else { return Ok(None) };
+    let effort = Effort { iterations: 8, tolerance: 1e-4, ..Effort::default() };
+    let Ok(fit) = crate::fit::fit(problem, &best.fit.layout, best.fit.point, effort) else { return Ok(None) };
+    let effect = fit.layout.effects[fit.layout.effects.len() - 1];
+    Ok(Some((effect, fit)))
 }
 
 /// p-value by balance: of a balance in which something was added, under the declared model; of the others, with that added,

@@ -96,11 +96,8 @@ impl Loaded {
         for entry in &campaign.runs {
             let recording = campaign.read(entry)?;
             let noise = Channel::ALL.map(|c| {
-                let values: Vec<f64> = if c == Channel::Volume {
-                    readings(&recording)
-                } else {
-                    c.of(&recording).to_vec()
-                };
+                let values: Vec<f64> =
+                    if c == Channel::Volume { readings(&recording) } else { c.of(&recording).to_vec() };
                 white_std(&values).filter(|s| *s > 0.0)
             });
             runs.push(LoadedRun { entry: entry.clone(), recording, noise });
@@ -162,7 +159,11 @@ const UNKNOWN_NOISE: [f64; 5] = [0.01, 0.01, 0.01, 0.05, 0.05];
 fn components(loaded: &Loaded, problem: &Problem, start: &mut Parameters) -> Characteristics {
     let mut points = Characteristics::default();
     let runs = |p: Protocol| {
-        loaded.runs.iter().filter(move |r| r.entry.role == Role::Identify && r.entry.protocol == p).map(|r| &r.recording)
+        loaded
+            .runs
+            .iter()
+            .filter(move |r| r.entry.role == Role::Identify && r.entry.protocol == p)
+            .map(|r| &r.recording)
     };
     points.torque = runs(Protocol::TorqueMap).flat_map(component::torque_points).collect();
     points.pump = runs(Protocol::PumpMap).flat_map(component::pump_points).collect();
@@ -218,7 +219,8 @@ pub fn identify(loaded: &Loaded, progress: &dyn Fn(&str)) -> Result<Identified, 
         let start = still.point(theta.clone());
         if let Ok(f) = fit(&still, &layout, start, Effort { iterations: 6, tolerance: 1e-3, ..Effort::default() })
             && f.point.theta.iter().all(|v| v.is_finite())
-            && problem.cost(&layout, &problem.point(f.point.theta.clone())) < problem.cost(&layout, &problem.point(theta.clone()))
+            && problem.cost(&layout, &problem.point(f.point.theta.clone()))
+                < problem.cost(&layout, &problem.point(theta.clone()))
         {
             theta = f.point.theta;
         }
@@ -233,8 +235,14 @@ pub fn identify(loaded: &Loaded, progress: &dyn Fn(&str)) -> Result<Identified, 
         all.base.iter().zip(&first.point.theta).filter(|(i, _)| layout.base.contains(i)).map(|(_, v)| *v).collect();
     let mut start = first.point.clone();
     start.theta = kept;
-    let last = fit(&problem, &layout, start, Effort { iterations: 20, tolerance: 1e-6, ..Effort::default() })
-        .map_err(simulation("the identify runs"))?;
+    // a gross misfit bends the parameters whatever is done: no use in polishing them
+    let gross = first.cost > 10.0 * problem.targets() as f64;
+    let polish = Effort {
+        iterations: if gross { 4 } else { 20 },
+        tolerance: if gross { 1e-3 } else { 1e-6 },
+        ..Effort::default()
+    };
+    let last = fit(&problem, &layout, start, polish).map_err(simulation("the identify runs"))?;
     progress("joint fit in free run, final pass");
     let std = standard_errors(&problem, &last).map_err(simulation("the identify runs"))?;
     Ok(Identified { problem, fit: last, std, undetermined, component, points })

@@ -57,9 +57,15 @@ impl Layout {
         use index::*;
         let base = self.base.iter().map(|&i| match i {
             H1 | V2 | F1 | K_B | M3 => (1e-9, f64::INFINITY),
-            H2 => (-8.0, 4.0),
-            A => (1e-3, 1.0),
+            // the capacity falls with pressure and stays positive
+            H2 => (-6.0, -0.05),
+            H3 => (0.0, f64::INFINITY),
+            A => (3e-3, 0.2),
+            // losses take energy; their growth may weaken with speed, but not by much
+            L1 => (-10.0, f64::INFINITY),
             L2 | L3 => (0.0, f64::INFINITY),
+            // the pump slips backwards
+            F3 => (f64::NEG_INFINITY, 0.0),
             _ => (f64::NEG_INFINITY, f64::INFINITY),
         });
         base.chain(self.effects.iter().flat_map(|e| e.header().parameters.iter().map(|p| (p.lower, p.upper)))).collect()

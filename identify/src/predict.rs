@@ -85,11 +85,22 @@ impl<'a> Run<'a> {
         self.stretch.time_s[i + 1] - self.stretch.time_s[i]
     }
 
-    fn advance(&mut self, i: usize) -> Result<(Input, f64), SimulationError> {
+    fn advance(&mut self, i: usize) -> Result<(), SimulationError> {
+        self.advance_with(i, |_, _, _, _| ())
+    }
+
+    /// Advances from row `i` to the next; `piece(input, middle's time, length, state in the middle)` for each smooth piece.
+    #[inline(always)]
+    fn advance_with(
+        &mut self,
+        i: usize,
+        mut piece: impl FnMut(&Input, f64, f64, &[f64]),
+    ) -> Result<(), SimulationError> {
         let dt = self.step_length(i);
         let input = self.stretch.input(i, dt);
-        self.integrator.advance(&input, self.k, self.effects, self.stretch.time_s[i], dt, &mut self.x)?;
-        Ok((input, dt))
+        let t = self.stretch.time_s[i];
+        let (k, effects) = (self.k, self.effects);
+        self.integrator.advance_by_pieces(&input, k, effects, t, dt, &mut self.x, |t, dt, x| piece(&input, t, dt, x))
     }
 
     /// Angle (deg), pressures (bar), torque (Nm), volume (ml) as the sensors would show them at row `i`.
@@ -232,14 +243,7 @@ pub fn linearise(
             next_target += 1;
         }
         if i + 1 < stretch.rows() {
-            let before = run.x.clone();
-            let (input, dt) = run.advance(i)?;
-            let middle: Vec<f64> = before.iter().zip(&run.x).map(|(a, b)| 0.5 * (a + b)).collect();
-            let parts = (dt / run.integrator.longest_s() * 0.999).ceil().max(1.0);
-            for p in 0..parts as usize {
-                let t = stretch.time_s[i] + dt * (p as f64 + 0.5) / parts;
-                s.advance(&seeds, &input, t, dt / parts, &middle);
-            }
+            run.advance_with(i, |input, t, dt, middle| s.advance(&seeds, input, t, dt, middle))?;
         }
     }
     Ok(Linear { predicted, slope })
@@ -276,9 +280,8 @@ fn start_sensitivity(stretch: &Stretch, run: &Run, seeds: &Seeds, s: &mut Sensit
             for c in 0..count {
                 s.set(i, first + c, x[i].slope[states + c]);
             }
-            let through: Vec<f64> = (0..s.row(0).len())
-                .map(|c| (0..STATES).map(|j| x[i].slope[j] * s.get(j, c)).sum())
-                .collect();
+            let through: Vec<f64> =
+                (0..s.row(0).len()).map(|c| (0..STATES).map(|j| x[i].slope[j] * s.get(j, c)).sum()).collect();
             for (c, value) in through.iter().enumerate() {
                 let seeded = (first..first + count).contains(&c);
                 if seeded || (first == 0 && c >= columns) {

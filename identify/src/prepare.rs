@@ -138,6 +138,25 @@ impl Stretch {
         self.time_s.len()
     }
 
+    /// The same from its start on for `length_s`, where the lever is free and the stretch is longer.
+    pub fn shortened(&self, length_s: f64) -> Self {
+        let mut s = self.clone();
+        let end = self.time_s.partition_point(|t| *t < self.time_s[0] + length_s);
+        let blocks = self.blocks.partition_point(|b| *b <= end);
+        if self.stand != Stand::Free || end >= self.rows() || blocks < 2 {
+            return s;
+        }
+        s.blocks.truncate(blocks);
+        let rows = s.blocks[blocks - 1];
+        s.time_s.truncate(rows);
+        s.voltage_v.truncate(rows);
+        s.brake_open.truncate(rows);
+        s.bypass_open.truncate(rows);
+        s.measured.iter_mut().for_each(|m| m.truncate(rows));
+        s.targets.retain(|t| t.middle < rows);
+        s
+    }
+
     fn finish(mut self) -> Self {
         let end = self.rows();
         if self.blocks.last() != Some(&end) {
@@ -207,7 +226,9 @@ pub fn stretches(
         Protocol::ConstantFlow | Protocol::SquareWave | Protocol::RandomSteps => {
             let mut s = cut(0, r.len(), Stand::Free);
             let rest = rest_rows(&r).ok_or_else(|| {
-                unusable("expected some 1 s of rest at u = 0 at the start, from which the initial state is taken".into())
+                unusable(
+                    "expected some 1 s of rest at u = 0 at the start, from which the initial state is taken".into(),
+                )
             })?;
             for (j, channel) in [Channel::Angle, Channel::Pressure1, Channel::Pressure2].into_iter().enumerate() {
                 let values = &channel.of(&r)[..rest];
@@ -274,8 +295,8 @@ pub fn stretches(
                 let mut s = cut(first, end, Stand::Drained);
                 let (angle, _) = mean(r.angle_deg[first..end].iter().copied());
                 s.angle_rad = vec![angle.to_radians(); end - first];
-                s.pressure_bar = [Channel::Pressure1, Channel::Pressure2]
-                    .map(|c| drained_pressure(&r, c.of(&r), first, end));
+                s.pressure_bar =
+                    [Channel::Pressure1, Channel::Pressure2].map(|c| drained_pressure(&r, c.of(&r), first, end));
                 s.initial = [s.angle_rad[0], s.pressure_bar[0][0], s.pressure_bar[1][0]];
                 let mut volume = vec![f64::NAN; end - first];
                 for (n, &(a, b)) in inside.iter().enumerate() {

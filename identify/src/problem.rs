@@ -66,6 +66,11 @@ impl Problem {
         (part, chosen)
     }
 
+    /// The same stretches, those with a free lever no longer than `length_s` each.
+    pub fn shortened(&self, length_s: f64) -> Problem {
+        Problem { stretches: self.stretches.iter().map(|s| s.shortened(length_s)).collect(), std: self.std.clone() }
+    }
+
     /// Number of targets.
     pub fn targets(&self) -> usize {
         self.stretches.iter().map(|s| s.targets.len()).sum()
@@ -162,7 +167,8 @@ impl Problem {
             let mut free = [false; 3];
             for i in 0..3 {
                 free[i] = std[i] > 0.0;
-                inner_gradient[i] = if free[i] { g[columns + i] - point.initial[n][i] / (std[i] * std[i]) } else { 0.0 };
+                inner_gradient[i] =
+                    if free[i] { g[columns + i] - point.initial[n][i] / (std[i] * std[i]) } else { 0.0 };
                 for j in 0..3 {
                     inner[(i, j)] = at(columns + i, columns + j);
                 }
@@ -209,7 +215,8 @@ impl Problem {
                 let members: Vec<usize> = (0..self.stretches.len()).filter(|&n| self.stretches[n].run == run).collect();
                 for &n in &members {
                     let targets = &self.stretches[n].targets;
-                    series.extend((0..targets.len()).filter(|&t| targets[t].channel == channel).map(|t| residuals[n][t]));
+                    series
+                        .extend((0..targets.len()).filter(|&t| targets[t].channel == channel).map(|t| residuals[n][t]));
                     series.push(f64::NAN);
                 }
                 let factor = crate::noise::white_std(&series).unwrap_or(1.0);

@@ -15,40 +15,64 @@ pub struct Refit {
     pub fit: Fit,
 }
 
-/// Parameter values from which the base may start: where the fit without the effect stands, and where the component
-/// experiments do; a gross effect bends the former far off.
+/// Where a refit may start, and on what.
 pub struct Bases<'a> {
-    /// The current fit.
+    /// The current fit: the right place for a small effect.
     pub current: &'a Fit,
-    /// Base values from the component experiments, in the layout's order.
+    /// Base values from the component experiments, in the layout's order: the right place for a gross effect, which bends
+    /// the current fit far off.
     pub component: &'a [f64],
+    /// The first seconds of each run: a short horizon has fewer false minima, so a start from the component experiments is
+    /// led over it.
+    pub short: &'a Problem,
+    /// The effect may be gross: both starts are tried.
+    pub gross: bool,
 }
 
 /// Refits `current` with these effects added, each from its best starts.
-pub fn refit(problem: &Problem, bases: &Bases, added: &[(&'static dyn Effect, Vec<&Direction>)], effort: Effort) -> Option<Refit> {
+pub fn refit(
+    problem: &Problem,
+    bases: &Bases,
+    added: &[(&'static dyn Effect, Vec<&Direction>)],
+    effort: Effort,
+) -> Option<Refit> {
     let mut layout = bases.current.layout.clone();
     for (effect, _) in added {
         layout.effects.push(*effect);
     }
-    let mut best: Option<(f64, Point)> = None;
-    for start in starts(added) {
-        for from_component in [false, true] {
+    let starts = starts(added);
+    let best_of = |problem: &Problem, from_component: bool| {
+        let mut best: Option<(f64, Point)> = None;
+        for start in &starts {
             let mut point = bases.current.point.clone();
             if from_component {
                 point.theta[..bases.component.len()].copy_from_slice(bases.component);
+                point.initial.fill([0.0; 3]);
             }
-            point.theta.extend_from_slice(&start);
+            point.theta.extend_from_slice(start);
             let cost = problem.cost(&layout, &point);
-            if best.as_ref().is_none_or(|(c, _)| cost < *c) {
+            if cost.is_finite() && best.as_ref().is_none_or(|(c, _)| cost < *c) {
                 best = Some((cost, point));
             }
         }
+        best.map(|(_, point)| point)
+    };
+    // a few steps tell which start leads down
+    let few = Effort { iterations: 3, ..effort };
+    let mut tried: Vec<Fit> = Vec::new();
+    if let Some(point) = best_of(problem, false) {
+        tried.extend(fit(problem, &layout, point, few).ok());
     }
-    let (cost, point) = best?;
-    if !cost.is_finite() {
-        return None;
+    if bases.gross
+        && let Some(point) = best_of(bases.short, true)
+    {
+        let lead = Effort { iterations: 10, tolerance: 1e-3, ..Effort::default() };
+        let point = fit(bases.short, &layout, point.clone(), lead).map_or(point, |f| f.point);
+        tried.extend(fit(problem, &layout, point, few).ok());
     }
-    let fit = fit(problem, &layout, point, effort).ok()?;
+    tried.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    let lead = tried.into_iter().next()?;
+    let fit = if lead.converged { lead } else { fit(problem, &layout, lead.point, effort).ok()? };
     Some(Refit { added: added.iter().map(|(e, _)| e.header().id).collect(), fit })
 }
 

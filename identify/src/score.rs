@@ -117,16 +117,18 @@ impl<'a> Scene<'a> {
                 let mut point = self.fit.point.clone();
                 point.theta.extend_from_slice(start);
                 let with = self.problem.residuals(&layout, &point).ok()?;
-                let secant: Vec<Vec<f64>> = base
-                    .iter()
-                    .zip(&with)
-                    .map(|(a, b)| a.iter().zip(b).map(|(a, b)| a - b).collect())
-                    .collect();
+                let secant: Vec<Vec<f64>> =
+                    base.iter().zip(&with).map(|(a, b)| a.iter().zip(b).map(|(a, b)| a - b).collect()).collect();
                 let secant = self.orthogonal(secant);
                 let square = dot(&secant, &secant);
                 let with_residual = dot(&secant, &self.residual);
-                (square.is_finite() && square > 1e-6)
-                    .then(|| Direction { effect, start: start.to_vec(), secant, square, with_residual })
+                (square.is_finite() && square > 1e-6).then(|| Direction {
+                    effect,
+                    start: start.to_vec(),
+                    secant,
+                    square,
+                    with_residual,
+                })
             })
             .collect()
     }
@@ -161,7 +163,7 @@ impl Normal {
 }
 
 /// Clusters of targets: stretches of [`CLUSTER_S`] where the lever is free or led, whole stretches elsewhere.
-fn clusters(problem: &Problem) -> (Vec<Vec<usize>>, usize) {
+pub fn clusters(problem: &Problem) -> (Vec<Vec<usize>>, usize) {
     let mut count = 0;
     let mut out = Vec::new();
     for s in &problem.stretches {

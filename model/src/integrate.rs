@@ -127,6 +127,23 @@ impl Integrator {
         dt: f64,
         x: &mut [f64],
     ) -> Result<(), SimulationError> {
+        self.advance_by_pieces(input, k, effects, t, dt, x, |_, _, _| ())
+    }
+
+    /// As [`Self::advance`], and says `piece(middle's time, length, state in the middle)` (s) for each smooth piece, from
+    /// kink to kink: what [`Sensitivity::advance`] needs.
+    #[inline(always)]
+    #[allow(clippy::too_many_arguments, reason = "the arguments of advance and a visitor")]
+    pub fn advance_by_pieces(
+        &self,
+        input: &Input,
+        k: &[f64],
+        effects: &EffectSet<f64>,
+        t: f64,
+        dt: f64,
+        x: &mut [f64],
+        mut piece: impl FnMut(f64, f64, &[f64]),
+    ) -> Result<(), SimulationError> {
         let plant = Plant { k, effects, states: x.len() };
         let steps = (dt / self.longest_s - 1e-9).ceil().max(1.0);
         let h = dt / steps;
@@ -134,6 +151,11 @@ impl Integrator {
         now[..x.len()].copy_from_slice(x);
         let (mut next, mut k1, mut k_next) = ([0.0; MOST_STATES], [0.0; MOST_STATES], [0.0; MOST_STATES]);
         let mut branches = plant.derivative(input, t, &now, &mut k1).branches;
+        let states = x.len();
+        // cubic through both ends with their slopes; k_next of a piece's end may be beyond a kink by a hair
+        let middle = |a: &Buffer, ka: &Buffer, b: &Buffer, kb: &Buffer, h: f64| -> Buffer {
+            std::array::from_fn(|i| 0.5 * (a[i] + b[i]) + 0.125 * h * (ka[i] - kb[i]))
+        };
         for i in 0..steps as usize {
             let mut at = t + i as f64 * h;
             let mut left = h;
@@ -141,6 +163,7 @@ impl Integrator {
                 plant.step(input, at, left, &now, &k1, &mut next);
                 let arrived = plant.derivative(input, at + left, &next, &mut k_next).branches;
                 if arrived == branches || split == MOST_SPLITS {
+                    piece(at + 0.5 * left, left, &middle(&now, &k1, &next, &k_next, left)[..states]);
                     now = next;
                     k1 = k_next;
                     branches = arrived;
@@ -149,16 +172,17 @@ impl Integrator {
                 // the first part ends just beyond the kink
                 let (mut before, mut beyond) = (0.0, left);
                 for _ in 0..HALVINGS {
-                    let middle = 0.5 * (before + beyond);
-                    plant.step(input, at, middle, &now, &k1, &mut next);
-                    if plant.derivative(input, at + middle, &next, &mut k_next).branches == branches {
-                        before = middle;
+                    let halfway = 0.5 * (before + beyond);
+                    plant.step(input, at, halfway, &now, &k1, &mut next);
+                    if plant.derivative(input, at + halfway, &next, &mut k_next).branches == branches {
+                        before = halfway;
                     } else {
-                        beyond = middle;
+                        beyond = halfway;
                     }
                 }
                 plant.step(input, at, beyond, &now, &k1, &mut next);
                 branches = plant.derivative(input, at + beyond, &next, &mut k_next).branches;
+                piece(at + 0.5 * beyond, beyond, &middle(&now, &k1, &next, &k_next, beyond)[..states]);
                 now = next;
                 k1 = k_next;
                 at += beyond;

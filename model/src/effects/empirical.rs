@@ -261,7 +261,8 @@ impl Law for EmpiricalSensor {
             for i in 0..2 {
                 let p = s.pressure_bar[i];
                 dx[i] = (p - x[i]) / 0.02;
-                s.pressure_bar[i] = p + k[2 + i] + k[4 + i] * (p - 2.5) + k[6 + i] * grown(s.time_s) + k[8 + i] * (x[i] - p);
+                s.pressure_bar[i] =
+                    p + k[2 + i] + k[4 + i] * (p - 2.5) + k[6 + i] * grown(s.time_s) + k[8 + i] * (x[i] - p);
             }
             s.angle_deg = s.angle_deg + k[0] + k[1] * s.angle_deg;
         }
