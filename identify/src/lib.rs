@@ -1,11 +1,15 @@
 //! Identification, free-run validation and diagnosis, offline, from recordings.
+pub mod analysis;
 pub mod component;
 pub mod diagnose;
 pub mod figure;
+pub mod figures;
+pub mod findings;
 pub mod fit;
 pub mod identification;
 pub mod layout;
 pub mod misfit;
+pub mod model_file;
 pub mod noise;
 pub mod predict;
 pub mod prepare;
@@ -13,3 +17,6 @@ pub mod problem;
 pub mod refit;
 pub mod score;
 pub mod significance;
+pub mod simplify;
+pub mod uncertainty;
+pub mod validate;

@@ -1,8 +1,9 @@
 //! `bench diagnose DIR [--out OUT]`
 
-use super::open_campaign;
-use crate::failure::{Failure, Kind};
+use super::results::analyse_folder;
+use crate::failure::Failure;
 use crate::progress::Progress;
+use identify::analysis::Depth;
 use std::path::PathBuf;
 
 /// Identify, find the residual, name the effect: model.toml, findings.json and report.html
@@ -16,7 +17,5 @@ pub struct Args {
 }
 
 pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
-    let (_campaign, _runs) = open_campaign(&args.dir, progress)?;
-    let _out = args.out.clone().unwrap_or_else(|| args.dir.join("analysis"));
-    Err(Failure::new(Kind::Internal, "the diagnosis is not connected yet"))
+    analyse_folder(&args.dir, args.out.as_deref(), Depth::Diagnosis, progress).map(drop)
 }

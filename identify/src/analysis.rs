@@ -1,0 +1,141 @@
+//! From a campaign to its results: model, findings, figures and tables.
+
+use std::path::{Path, PathBuf};
+
+use model::ModelFile;
+
+use crate::diagnose::{Diagnosis, Verdict, diagnose};
+use crate::figure::{Figure, Table};
+use crate::figures::{self, Subject};
+use crate::findings::Findings;
+use crate::identification::{Identified, IdentifyError, Loaded, identify};
+use crate::model_file::{declared_fit, model_file};
+use crate::uncertainty::Uncertainty;
+use crate::validate::{ValidatedRun, prepare_validation, validate};
+
+/// Name of the model file.
+pub const MODEL_FILE: &str = "model.toml";
+/// Name of the file with the findings.
+pub const FINDINGS_FILE: &str = "findings.json";
+
+/// How far an analysis goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Depth {
+    /// Identification and free-run validation of the reference model.
+    Identification,
+    /// And the diagnosis of what it leaves.
+    Diagnosis,
+}
+
+/// The results of a campaign.
+pub struct Analysis {
+    /// Name of the campaign.
+    pub campaign: String,
+    /// The reference model.
+    pub identified: Identified,
+    /// What was found; `None` where only an identification was asked for.
+    pub diagnosis: Option<Diagnosis>,
+    /// The validation runs, simulated.
+    pub validation: Vec<ValidatedRun>,
+    /// What `model.toml` holds.
+    pub model: ModelFile,
+    /// What `findings.json` holds.
+    pub findings: Option<Findings>,
+    /// For the report.
+    pub figures: Vec<Figure>,
+    /// For the report.
+    pub tables: Vec<Table>,
+    /// For the report: the first line says the verdict.
+    pub headline: Vec<String>,
+}
+
+/// A result could not be written.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: expected to write it, got \"{source}\"; choose another folder with --out, or check its permissions and the free space", file.display())]
+pub struct WriteError {
+    /// The file or folder.
+    pub file: PathBuf,
+    /// The system's reason.
+    pub source: std::io::Error,
+}
+
+/// Runs the analysis. `progress` is told each finished step. The same recordings give the same results.
+///
+/// # Errors
+/// Before anything is computed: no run to be fitted or none to validate, a run that can't be used. Later: the model can't be
+/// simulated on the runs that are fitted.
+pub fn analyse(loaded: &Loaded, depth: Depth, progress: &dyn Fn(&str)) -> Result<Analysis, IdentifyError> {
+    let prepared = prepare_validation(loaded)?;
+    let simulation = |what: &str| {
+        let what = what.to_string();
+        move |source| IdentifyError::Simulation { what, source }
+    };
+    let identified = identify(loaded, progress)?;
+    let diagnosis = match depth {
+        Depth::Identification => None,
+        Depth::Diagnosis => {
+            Some(diagnose(&identified, progress).map_err(simulation("the identify runs during the diagnosis"))?)
+        }
+    };
+
+    let verdict = diagnosis.as_ref().map(|d| d.verdict);
+    let changed = diagnosis.as_ref().filter(|d| d.verdict != Verdict::None);
+    let uncertainty = Uncertainty::of(&identified.problem, &identified.fit).map_err(simulation("the identify runs"))?;
+    let uncertainty_after = match changed {
+        Some(d) => Some(Uncertainty::of(&identified.problem, &d.after).map_err(simulation("the identify runs"))?),
+        None => None,
+    };
+    let validation = validate(loaded, prepared, &identified.fit, diagnosis.as_ref().map(|d| &d.after));
+    progress("validation runs simulated");
+
+    let declared = declared_fit(&identified, diagnosis.as_ref());
+    let own = match (&uncertainty_after, verdict) {
+        (Some(after), Some(Verdict::Attributed)) => after,
+        _ => &uncertainty,
+    };
+    let model = model_file(loaded, &identified, verdict, declared, own);
+    let campaign = loaded.campaign.name.clone();
+    let findings = diagnosis.as_ref().map(|d| Findings::of(&campaign, d, &validation));
+    let subject = Subject {
+        loaded,
+        identified: &identified,
+        uncertainty: &uncertainty,
+        diagnosis: diagnosis.as_ref(),
+        uncertainty_after: uncertainty_after.as_ref(),
+        validation: &validation,
+    };
+    let (figures, tables) = (figures::figures(&subject), figures::tables(&subject));
+    let headline = figures::headline(&subject);
+    progress("figures and tables made");
+    Ok(Analysis { campaign, identified, diagnosis, validation, model, findings, figures, tables, headline })
+}
+
+impl Analysis {
+    /// Writes `model.toml` and, where there was a diagnosis, `findings.json` into `out`, which is made where it is missing.
+    /// Returns what was written. A file that is there is replaced once the new one is complete.
+    ///
+    /// # Errors
+    /// The system refuses.
+    pub fn write(&self, out: &Path) -> Result<Vec<PathBuf>, WriteError> {
+        std::fs::create_dir_all(out).map_err(|source| WriteError { file: out.to_owned(), source })?;
+        let mut written = vec![write_whole(&out.join(MODEL_FILE), &self.model.to_toml())?];
+        if let Some(findings) = &self.findings {
+            written.push(write_whole(&out.join(FINDINGS_FILE), &findings.to_json())?);
+        }
+        Ok(written)
+    }
+}
+
+/// Writes a text beside its place and moves it there: nobody reads half a file.
+///
+/// # Errors
+/// The system refuses.
+pub fn write_whole(file: &Path, text: &str) -> Result<PathBuf, WriteError> {
+    let mut part = file.as_os_str().to_owned();
+    part.push(".part");
+    let part = PathBuf::from(part);
+    std::fs::write(&part, text)
+        .and_then(|()| std::fs::rename(&part, file))
+        .map_err(|source| WriteError { file: file.to_owned(), source })?;
+    Ok(file.to_owned())
+}

@@ -1,0 +1,157 @@
+//! The verdict, what was added, and the candidates.
+
+use crate::diagnose::{Diagnosis, Verdict};
+use crate::figure::Table;
+use crate::figures::text::{chance, interval, measured, number};
+use crate::figures::{Subject, section};
+use crate::findings::ranking;
+
+pub(super) fn headline(subject: &Subject) -> Vec<String> {
+    let mut out = vec![match subject.diagnosis {
+        None => "The reference model is identified; its residual was not diagnosed.".to_string(),
+        Some(d) => verdict(d),
+    }];
+    out.extend(errors(subject));
+    if let Some(d) = subject.diagnosis {
+        if let Some(next) = &d.next_experiment {
+            out.push(format!("Next experiment: {next}."));
+        }
+        for a in d.effects.iter().filter(|a| !a.equivalent.is_empty() && d.verdict == Verdict::Attributed) {
+            out.push(format!(
+                "Within this data's resolution {} is {} as well.",
+                a.effect.header().id,
+                a.equivalent.join(", ")
+            ));
+        }
+    }
+    for (name, why) in &subject.identified.undetermined {
+        out.push(format!("{name} is not determined by this campaign: {why}."));
+    }
+    out.extend(subject.validation.iter().filter_map(|r| r.failure()).map(|f| format!("{f}.")));
+    out
+}
+
+/// One sentence.
+pub fn verdict(d: &Diagnosis) -> String {
+    match d.verdict {
+        Verdict::None => "The declared model explains the data: no effect beyond it is found.".into(),
+        Verdict::Attributed => {
+            let effects = d.effects.iter().map(|a| {
+                let header = a.effect.header();
+                let (id, balance) = (header.id, header.balance.as_str());
+                format!("{id} ({balance} balance, probability {:.2}): {}", a.probability, header.summary)
+            });
+            format!("The residual is attributed to {}.", effects.collect::<Vec<_>>().join("; and to "))
+        }
+        Verdict::Ambiguous => {
+            let candidates: Vec<String> =
+                ranking(&d.ranking).iter().take(4).map(|c| format!("{} ({:.2})", c.id, c.probability)).collect();
+            format!(
+                "There is a structured residual, but the data can't tell the leading candidates apart: {}.",
+                candidates.join(", ")
+            )
+        }
+        Verdict::Unrecognised => {
+            let balance = d.effects.first().map_or("", |a| a.effect.header().balance.as_str());
+            format!(
+                "There is a structured residual that no known effect explains; it sits in the {balance} balance. Terms without a \
+                 name there take up {:.0} % of it.",
+                100.0 * d.explained
+            )
+        }
+    }
+}
+
+/// The validation error of each run in one line, as multiples of the noise floor.
+fn errors(subject: &Subject) -> Option<String> {
+    let ratios = |after: bool| {
+        let all = subject.validation.iter().flat_map(|r| r.compared());
+        let all = all.filter_map(move |c| Some((if after { c.after? } else { c.before }).rmse / c.noise_floor));
+        all.filter(|r| r.is_finite()).fold(None, |most: Option<f64>, r| Some(most.map_or(r, |m| m.max(r))))
+    };
+    let before = ratios(false)?;
+    let largest = "Largest free-run error on the validation runs";
+    Some(match ratios(true).filter(|_| subject.after().is_some()) {
+        Some(after) => format!("{largest}: {} noise floors before, {} after.", number(before, 3), number(after, 3)),
+        None => format!("{largest}: {} noise floors.", number(before, 3)),
+    })
+}
+
+pub(super) fn tables(subject: &Subject) -> Vec<Table> {
+    let Some(d) = subject.diagnosis else { return Vec::new() };
+    vec![effects(d), candidates(d)]
+}
+
+fn effects(d: &Diagnosis) -> Table {
+    let mut rows = Vec::new();
+    for a in &d.effects {
+        let header = a.effect.header();
+        for (i, p) in header.parameters.iter().enumerate() {
+            let (Some(&value), Some(&std)) = (a.values.get(i), a.std.get(i)) else { continue };
+            let first = i == 0;
+            let head = |text: String| if first { text } else { String::new() };
+            rows.push(vec![
+                head(header.id.to_string()),
+                head(header.balance.as_str().to_string()),
+                head(format!("{:.2}", a.probability)),
+                p.name.to_string(),
+                measured(value, std),
+                number(std, 2),
+                interval(value, std),
+                p.unit.to_string(),
+                head(header.equation.to_string()),
+            ]);
+        }
+    }
+    let (title, caption) = match d.verdict {
+        Verdict::Ambiguous => (
+            "Leading candidate",
+            "Not a finding: other candidates explain the data as well. Free-run errors \"after\" are with this one.",
+        ),
+        Verdict::Unrecognised => (
+            "Empirical terms",
+            "No effect of the library explains the residual; these terms describe it in the balance where they explain most. They \
+             hold in the range of this data and claim no physics.",
+        ),
+        _ => ("What was added to the model", "Fitted together with all base parameters. Interval: 95 %."),
+    };
+    Table {
+        section: section::RESULT.into(),
+        title: title.into(),
+        caption: caption.into(),
+        columns: [
+            "effect",
+            "balance",
+            "probability",
+            "parameter",
+            "value",
+            "std. error",
+            "95 % interval",
+            "unit",
+            "equation",
+        ]
+        .map(String::from)
+        .to_vec(),
+        rows,
+    }
+}
+
+fn candidates(d: &Diagnosis) -> Table {
+    let rows = ranking(&d.ranking).into_iter().map(|c| {
+        let header = model::effects::find(&c.id).map(|e| e.header());
+        vec![
+            c.id,
+            header.map_or(String::new(), |h| h.balance.as_str().into()),
+            chance(c.probability),
+            header.map_or(String::new(), |h| h.summary.into()),
+            header.map_or(String::new(), |h| h.measure.into()),
+        ]
+    });
+    Table {
+        section: section::RESULT.into(),
+        title: "Candidates".into(),
+        caption: "Those whose score led to a joint refit, by how far they stand behind the best.".into(),
+        columns: ["candidate", "balance", "probability", "what it is", "how to measure it"].map(String::from).to_vec(),
+        rows: rows.collect(),
+    }
+}

@@ -1,0 +1,189 @@
+//! `findings.json`: what a diagnosis concludes, for other programs.
+
+use serde::ser::{Serialize, SerializeMap, Serializer};
+
+use model::effects::Effect;
+
+use crate::diagnose::{Added, Diagnosis, Ranked, Verdict};
+use crate::validate::ValidatedRun;
+
+/// The id of an effect that the library does not have.
+pub const UNRECOGNISED: &str = "unrecognised";
+
+/// The file. Fields are written in this order; every number is finite.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct Findings {
+    /// 1.
+    pub format: u32,
+    /// Name of the campaign.
+    pub campaign: String,
+    /// `none`, `attributed`, `ambiguous` or `unrecognised`.
+    pub verdict: &'static str,
+    /// What was added.
+    pub effects: Vec<Finding>,
+    /// Candidates, the likeliest first.
+    pub ranking: Vec<Candidate>,
+    /// By balance.
+    pub balances: Named<BalanceTest>,
+    /// By run and channel.
+    pub validation: Vec<Validation>,
+    /// The run that would tell the leading candidates apart.
+    pub next_experiment: Option<String>,
+}
+
+/// An effect that was added.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct Finding {
+    /// Id of the library, or [`UNRECOGNISED`].
+    pub id: &'static str,
+    /// Where it acts.
+    pub balance: &'static str,
+    /// Between 0 and 1.
+    pub probability: f64,
+    /// Ids that explain the data as well.
+    pub equivalent: Vec<String>,
+    /// In the order of the effect's header.
+    pub parameters: Named<Value>,
+}
+
+/// A parameter.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct Value {
+    /// In `unit`.
+    pub value: f64,
+    /// Standard error. Where the data tell nothing of the parameter, that of a uniform distribution over its physical range.
+    pub std: f64,
+    /// Unit.
+    pub unit: &'static str,
+}
+
+/// A candidate.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Candidate {
+    /// Id of the library.
+    pub id: String,
+    /// That it is part of what acts, between 0 and 1.
+    pub probability: f64,
+}
+
+/// The test of a balance.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct BalanceTest {
+    /// That the balance has no structured residual under the declared model.
+    pub p_value: f64,
+}
+
+/// Free-run errors of one channel of a run, in the channel's unit.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct Validation {
+    /// File of the run.
+    pub run: String,
+    /// Column.
+    pub channel: &'static str,
+    /// With the reference model.
+    pub rmse_before: f64,
+    /// With what was added.
+    pub rmse_after: f64,
+    /// Of one sample.
+    pub noise_floor: f64,
+}
+
+/// A JSON object whose keys keep their order.
+#[derive(Clone, Debug)]
+pub struct Named<T>(pub Vec<(&'static str, T)>);
+
+impl<T: Serialize> Serialize for Named<T> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(Some(self.0.len()))?;
+        for (key, value) in &self.0 {
+            map.serialize_entry(key, value)?;
+        }
+        map.end()
+    }
+}
+
+impl Findings {
+    /// Of a campaign of this name. Runs whose simulation failed have no entry under `validation`
+    /// ([`ValidatedRun::failure`] says them).
+    pub fn of(campaign: &str, diagnosis: &Diagnosis, validation: &[ValidatedRun]) -> Self {
+        let effects = match diagnosis.verdict {
+            Verdict::None | Verdict::Ambiguous => Vec::new(),
+            Verdict::Attributed => diagnosis.effects.iter().map(|a| finding(a.effect.header().id, a)).collect(),
+            Verdict::Unrecognised => diagnosis.effects.iter().map(|a| finding(UNRECOGNISED, a)).collect(),
+        };
+        let balances = diagnosis.balances.iter();
+        let balances = balances
+            .map(|(b, p)| (b.as_str(), BalanceTest { p_value: if p.is_finite() { *p } else { 1.0 } }))
+            .collect();
+        let validation = validation.iter().flat_map(|run| {
+            run.compared().into_iter().filter_map(|c| {
+                Some(Validation {
+                    run: run.prepared.file.clone(),
+                    channel: c.before.channel.column(),
+                    rmse_before: c.before.rmse,
+                    rmse_after: c.after?.rmse,
+                    noise_floor: c.noise_floor,
+                })
+            })
+        });
+        Findings {
+            format: 1,
+            campaign: campaign.to_string(),
+            verdict: diagnosis.verdict.as_str(),
+            effects,
+            ranking: ranking(&diagnosis.ranking),
+            balances: Named(balances),
+            validation: validation.filter(|v| v.rmse_before.is_finite() && v.rmse_after.is_finite()).collect(),
+            next_experiment: diagnosis.next_experiment.clone(),
+        }
+    }
+
+    /// The file's text. The same findings give the same bytes.
+    pub fn to_json(&self) -> String {
+        let mut text = serde_json::to_string_pretty(self).expect("plain data with string keys has a JSON form");
+        text.push('\n');
+        text
+    }
+}
+
+fn finding(id: &'static str, added: &Added) -> Finding {
+    let header = added.effect.header();
+    Finding {
+        id,
+        balance: header.balance.as_str(),
+        probability: probability(added.probability),
+        equivalent: added.equivalent.clone(),
+        parameters: Named(parameters(added.effect, &added.values, &added.std)),
+    }
+}
+
+fn parameters(effect: &dyn Effect, values: &[f64], std: &[f64]) -> Vec<(&'static str, Value)> {
+    let header = effect.header();
+    let known = header.parameters.iter().zip(values.iter().zip(std));
+    known
+        .map(|(p, (value, std))| {
+            let std = if std.is_finite() { *std } else { (p.upper - p.lower) / 12f64.sqrt() };
+            (p.name, Value { value: *value, std, unit: p.unit })
+        })
+        .collect()
+}
+
+/// Candidates one by one: where sets of several were compared (`a+b`), an effect's probability is that of all sets it is in.
+pub fn ranking(ranked: &[Ranked]) -> Vec<Candidate> {
+    let mut out: Vec<Candidate> = Vec::new();
+    for set in ranked {
+        for id in set.id.split('+') {
+            match out.iter_mut().find(|c| c.id == id) {
+                Some(c) => c.probability = probability(c.probability + set.probability),
+                None => out.push(Candidate { id: id.to_string(), probability: probability(set.probability) }),
+            }
+        }
+    }
+    out.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+    out
+}
+
+/// Rounding may leave a sum of weights a hair above 1; a weight that can't be told is none.
+fn probability(p: f64) -> f64 {
+    if p.is_finite() { p.clamp(0.0, 1.0) } else { 0.0 }
+}
