@@ -7,6 +7,7 @@ use crate::failure::{Failure, Kind};
 use crate::interrupt;
 use crate::progress::Progress;
 use crate::simulation::added_effects;
+use crate::strength::strength;
 use drivers::EmulatedRig;
 use drivers::emulated::Settings as RigSettings;
 use identify::component::{fit_pump, pump_points};
@@ -22,6 +23,9 @@ use std::path::Path;
 
 /// Parameters of the drawn rig lie within this fraction of the example's.
 const SPREAD: f64 = 0.10;
+
+/// Strength of a drawn effect, noise floors: it matters, and it is no wreck.
+const STRENGTH: std::ops::Range<f64> = 6.0..40.0;
 
 /// A rig with one effect out of `library`. The same seed and library give the same rig.
 pub fn draw(seed: u64, library: &[&'static dyn Effect]) -> ModelFile {
@@ -39,20 +43,45 @@ pub fn draw(seed: u64, library: &[&'static dyn Effect]) -> ModelFile {
     let a = k[index::A];
     k[index::L4] = (k[index::L1] * a * a + k[index::L2] * a + k[index::L3]) / a;
 
-    let effect = library[rng.random_range(0..library.len())].header();
-    // One of the library's shapes and signs, at a size of its own.
-    let start = effect.starts[rng.random_range(0..effect.starts.len())];
-    let parameters = effect.parameters.iter().zip(start).map(|(p, &value)| {
-        let factor =
-            if p.size { rng.random_range(0.8f64.ln()..1.5f64.ln()).exp() } else { rng.random_range(0.75..1.35) };
-        (p.name.to_owned(), (value * factor).clamp(p.lower, p.upper))
-    });
-    let effect = AddedEffect { id: effect.id.to_owned(), parameters: parameters.collect() };
+    let base = Parameters::from_vector(&k, example.pump.u_max);
+    let effect = library[rng.random_range(0..library.len())];
+    let values = sized(&mut rng, &base, effect);
+    let parameters = effect.header().parameters.iter().zip(values).map(|(p, v)| (p.name.to_owned(), v));
+    let effect = AddedEffect { id: effect.header().id.to_owned(), parameters: parameters.collect() };
 
-    let mut truth = ModelFile::plain(Parameters::from_vector(&k, example.pump.u_max));
+    let mut truth = ModelFile::plain(base);
     truth.source.insert("drawn_from_seed".to_owned(), seed.to_string());
     truth.effect.push(effect);
     truth
+}
+
+/// Values of an effect's parameters: one of the library's shapes and signs, at a size that shows [`STRENGTH`] noise floors.
+fn sized(rng: &mut ChaCha8Rng, base: &Parameters, effect: &'static dyn Effect) -> Vec<f64> {
+    let header = effect.header();
+    let wanted = rng.random_range(STRENGTH.start.ln()..STRENGTH.end.ln()).exp();
+    let first = rng.random_range(0..header.starts.len());
+    let mut best = (f64::INFINITY, header.starts[first].to_vec());
+    for turn in 0..header.starts.len() {
+        let mut values = header.starts[(first + turn) % header.starts.len()].to_vec();
+        for (p, v) in header.parameters.iter().zip(&mut values).filter(|(p, _)| !p.size) {
+            *v = (*v * rng.random_range(0.75..1.35)).clamp(p.lower, p.upper);
+        }
+        for _ in 0..8 {
+            let shown = strength(base, effect, &values).unwrap_or(f64::INFINITY);
+            let off = (shown.max(1e-9) / wanted).ln().abs();
+            if off < best.0 {
+                best = (off, values.clone());
+            }
+            let factor = (wanted / shown.max(1e-9)).clamp(0.1, 10.0);
+            for (p, v) in header.parameters.iter().zip(&mut values).filter(|(p, _)| p.size) {
+                *v = (*v * factor).clamp(p.lower, p.upper);
+            }
+        }
+        if best.0 < 0.3 {
+            break;
+        }
+    }
+    best.1
 }
 
 /// The effects that [`draw`] chooses from in the demo: the whole library.

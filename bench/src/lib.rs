@@ -10,3 +10,4 @@ pub mod logger;
 pub mod progress;
 pub mod report;
 pub mod simulation;
+pub mod strength;

@@ -9,12 +9,13 @@ use model::effects::{Balance, Effect, LIBRARY};
 use model::integrate::SimulationError;
 
 use crate::fit::{Effort, Fit};
-use crate::identification::{Identified, standard_errors};
+use crate::identification::{Identified, covariance_of, standard_errors};
 use crate::misfit::{self, Part};
 use crate::problem::Problem;
 use crate::refit::{Bases, Refit, advantage, refit};
 use crate::score::{Direction, Gram, Scene};
 use crate::significance::p_of_largest;
+use crate::simplify::simplify;
 
 /// What the diagnosis concludes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -235,9 +236,9 @@ pub fn diagnose(identified: &Identified, progress: &dyn Fn(&str)) -> Result<Diag
         let (_, better) = advantage(&residual, &after, &clusters, count);
         let remaining = misfit::parts(problem, &after, &clusters);
         let removed = (misfit::total(&parts) - misfit::total(&remaining)).max(0.0).sqrt();
-        let std = standard_errors(problem, &fit)?;
+        let covariance = covariance_of(problem, &fit)?;
         let position = |id: &str| fit.layout.effects.iter().position(|e| e.header().id == id);
-        let sound = best.added.iter().all(|id| position(id).is_some_and(|n| is_sound(&fit, &std, n)));
+        let sound = best.added.iter().all(|id| position(id).is_some_and(|n| is_sound(&fit, &covariance, n)));
         tracing::info!(names = ?best.added, better, removed, sound, cost = fit.cost, "best candidate");
         if better < PREFERRED || removed < MATERIAL || !sound {
             break;
@@ -295,6 +296,11 @@ pub fn diagnose(identified: &Identified, progress: &dyn Fn(&str)) -> Result<Diag
             parts_after = parts;
             explained = share;
         }
+    }
+    if verdict != Verdict::Unrecognised && !added.is_empty() {
+        after = simplify(problem, after)?;
+        let residual = problem.residuals(&after.layout, &after.point)?;
+        parts_after = misfit::parts(problem, &residual, &clusters);
     }
     let balances = balance_p_values(&first, last, &added);
     fill_values(problem, &after, &mut added)?;
@@ -355,19 +361,23 @@ fn refit_all(
     out
 }
 
-/// The effect's size is known to be other than zero and not pressed against an upper bound.
-fn is_sound(fit: &Fit, std: &[f64], n: usize) -> bool {
+/// The effect's sizes together are known to be other than zero, and none is pressed against a physical bound.
+fn is_sound(fit: &Fit, covariance: &nalgebra::DMatrix<f64>, n: usize) -> bool {
     let first = fit.layout.first_of(n);
-    let parameters = fit.layout.effects[n].header().parameters;
-    let mut known = false;
-    for (i, p) in parameters.iter().enumerate().filter(|(_, p)| p.size) {
+    let mut sizes = Vec::new();
+    for (i, p) in fit.layout.effects[n].header().parameters.iter().enumerate().filter(|(_, p)| p.size) {
         let value = fit.point.theta[first + i];
         if value >= p.upper || (p.lower < 0.0 && value <= p.lower) {
             return false;
         }
-        known |= value.abs() > 3.0 * std[first + i];
+        if covariance[(first + i, first + i)].is_finite() {
+            sizes.push(first + i);
+        }
     }
-    known
+    // Wald's test of all sizes together: single ones may be exchangeable (the zeros of two sensors, say)
+    let value = nalgebra::DVector::from_iterator(sizes.len(), sizes.iter().map(|&i| fit.point.theta[i]));
+    let block = covariance.select_rows(&sizes).select_columns(&sizes);
+    block.cholesky().is_some_and(|c| value.dot(&c.solve(&value)) > 12.0 + 2.0 * sizes.len() as f64)
 }
 
 /// Candidates that the clusters don't tell from the best one.

@@ -248,13 +248,19 @@ pub fn identify(loaded: &Loaded, progress: &dyn Fn(&str)) -> Result<Identified, 
     Ok(Identified { problem, fit: last, std, undetermined, component, points })
 }
 
-/// Standard errors of a fit's entries: from the normal matrix, widened where the residuals are larger than the noise.
+/// Standard errors of a fit's entries: see [`covariance_of`].
 pub fn standard_errors(problem: &Problem, fit: &Fit) -> Result<Vec<f64>, SimulationError> {
+    let c = covariance_of(problem, fit)?;
+    Ok((0..fit.layout.len()).map(|i| c[(i, i)].sqrt()).collect())
+}
+
+/// Covariance of a fit's entries: from the normal matrix, widened where the residuals are larger than the noise. Entries
+/// that are held or without influence have an infinite variance.
+pub fn covariance_of(problem: &Problem, fit: &Fit) -> Result<nalgebra::DMatrix<f64>, SimulationError> {
     let pieces = problem.linearise(&fit.layout, &fit.point)?;
     let normal = problem.normal(&pieces, fit.layout.len(), &fit.point);
     let misfit = (fit.cost / problem.targets() as f64).max(1.0);
-    let c = covariance(&normal.matrix);
-    Ok((0..fit.layout.len()).map(|i| (c[(i, i)] * misfit).sqrt()).collect())
+    Ok(covariance(&normal.matrix) * misfit)
 }
 
 /// A first value for k_b: what fits the runs with the lever free best, of a coarse scan.

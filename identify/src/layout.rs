@@ -24,12 +24,20 @@ pub struct Layout {
     pub fixed: [f64; COUNT],
     /// V
     pub u_max: f64,
+    /// Entries that keep their value: sizes of an effect that the data do not ask for.
+    pub held: std::collections::BTreeSet<usize>,
 }
 
 impl Layout {
     /// Everything of [`FREE`] free, no effect.
     pub fn base(start: &Parameters) -> Self {
-        Layout { base: FREE.to_vec(), effects: Vec::new(), fixed: start.to_vector(), u_max: start.pump.u_max }
+        Layout {
+            base: FREE.to_vec(),
+            effects: Vec::new(),
+            fixed: start.to_vector(),
+            u_max: start.pump.u_max,
+            held: Default::default(),
+        }
     }
 
     /// Length of the vector.

@@ -135,6 +135,8 @@ impl Problem {
                 for (t, row) in slope.chunks_mut(columns).enumerate() {
                     let std = self.target_std(n, t);
                     row.iter_mut().for_each(|v| *v /= std);
+                    // what is held has no influence
+                    layout.held.iter().for_each(|&h| row[h] = 0.0);
                 }
                 Ok(Piece { residual, slope })
             })

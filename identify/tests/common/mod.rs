@@ -1,0 +1,102 @@
+//! Recordings made by the model itself, with noise: what a perfect rig would leave.
+
+use identify::layout::Layout;
+use identify::prepare::{Channel, stretches};
+use identify::problem::Problem;
+use model::Parameters;
+use model::effects::{Effect, EffectSet};
+use model::integrate::Integrator;
+use model::rec::{self, Circuit, Input, Lever, STATES, state};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, Normal};
+use recordings::{Plane, Protocol, Recording};
+
+pub const ANGLE_NOISE_DEG: f64 = 0.01;
+pub const PRESSURE_NOISE_BAR: f64 = 0.006;
+
+/// A run with a free lever at 500 Hz: 1 s of rest, then voltages of `dwell_s` each, every fifth with the bypass open, every
+/// seventh with the brake closed.
+pub fn dynamic(
+    truth: &Parameters,
+    effect: Option<(&'static dyn Effect, Vec<f64>)>,
+    seconds: f64,
+    seed: u64,
+) -> Recording {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let normal = Normal::new(0.0, 1.0).unwrap();
+    let effects = EffectSet::new(STATES, effect);
+    let k = truth.to_vector();
+    let mut x = vec![0.0; STATES + effects.states];
+    x[state::PRESSURE1] = 2.8;
+    x[state::PRESSURE2] = 2.8;
+    let mut r = Recording {
+        time_s: vec![],
+        voltage_v: vec![],
+        angle_deg: vec![],
+        pressure1_bar: vec![],
+        pressure2_bar: vec![],
+        torque_nm: vec![],
+        volume_ml: vec![],
+        brake_open: vec![],
+        bypass_open: vec![],
+        segment: vec![],
+    };
+    let integrator = Integrator::new(0.5e-3);
+    let mut scratch = x.clone();
+    let levels = [9.0, -14.0, 20.0, -21.0, 4.0, -8.0, 16.0, -18.0, 12.0, -3.0, 21.0, -12.0];
+    let dwell_s = 0.9;
+    let rows = (seconds * 500.0) as usize;
+    for i in 0..rows {
+        let t = i as f64 * 2e-3;
+        let n = if t < 1.0 { 0 } else { 1 + ((t - 1.0) / dwell_s) as usize };
+        let input = Input {
+            voltage_v: if n == 0 { 0.0 } else { levels[(n * 5 + n / 12) % levels.len()] },
+            brake_open: n == 0 || n % 7 != 0,
+            bypass_open: n > 0 && n % 5 == 0,
+            vertical: false,
+            lever: Lever::Free,
+            circuit: Circuit::Pump,
+        };
+        if i == 0 {
+            rec::rest_states(&input, &k, &effects, &mut x);
+        }
+        let shown = rec::shown(&effects, t, &x, &mut scratch);
+        r.time_s.push(t);
+        r.voltage_v.push(input.voltage_v);
+        r.angle_deg.push(shown[0] + ANGLE_NOISE_DEG * normal.sample(&mut rng));
+        r.pressure1_bar.push(shown[1] + PRESSURE_NOISE_BAR * normal.sample(&mut rng));
+        r.pressure2_bar.push(shown[2] + PRESSURE_NOISE_BAR * normal.sample(&mut rng));
+        r.torque_nm.push(f64::NAN);
+        r.volume_ml.push(f64::NAN);
+        r.brake_open.push(input.brake_open);
+        r.bypass_open.push(input.bypass_open);
+        r.segment.push(n as i64);
+        integrator.advance(&input, &k, &effects, t, 2e-3, &mut x).unwrap();
+    }
+    r
+}
+
+/// A problem out of such runs.
+pub fn problem(runs: &[Recording]) -> Problem {
+    let mut problem = Problem::default();
+    for (n, r) in runs.iter().enumerate() {
+        for s in stretches(n, "run.csv", Protocol::RandomSteps, Plane::Horizontal, r).unwrap() {
+            problem.std.push(Channel::ALL.map(|c| match c {
+                Channel::Angle => ANGLE_NOISE_DEG,
+                Channel::Pressure1 | Channel::Pressure2 => PRESSURE_NOISE_BAR,
+                _ => 0.05,
+            }));
+            problem.stretches.push(s);
+        }
+    }
+    problem
+}
+
+/// What free motion alone determines well: torque stiffness and force, displacement, pump, losses; the rest is given.
+pub fn layout(truth: &Parameters) -> Layout {
+    use model::parameters::index::*;
+    let mut layout = Layout::base(truth);
+    layout.base = vec![M2, M3, V2, F1, F3, F4, L2, L3, A, K_B];
+    layout
+}
