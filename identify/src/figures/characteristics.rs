@@ -29,33 +29,64 @@ impl Models {
         self.after.as_ref().unwrap_or(&self.before)
     }
 
-    /// Curves of one group: full for the final model, dashed for the reference model.
-    fn curves(
+    /// Full curve of the final model in the colour of its group.
+    fn curve(
         &self,
         figure: &mut Figure,
         label: &str,
         group: usize,
-        x: impl Iterator<Item = f64> + Clone,
+        x: impl Iterator<Item = f64>,
         y: impl Fn(&Plant, f64) -> f64,
     ) {
         let last = self.last();
-        figure.series.push(series(
-            format!("{} {label}", self.name),
-            Mark::Line,
-            group,
-            x.clone().map(|x| (x, y(last, x))),
-        ));
-        if self.after.is_some() {
-            let name = format!("reference model {label}");
-            figure.series.push(series(name, Mark::Dashed, group, x.map(|x| (x, y(&self.before, x)))));
-        }
+        figure.series.push(series(label, Mark::Line, group, x.map(|x| (x, y(last, x)))));
     }
+
+    /// All curves of the reference model as one dashed series, where another model is drawn full.
+    fn reference(&self, figure: &mut Figure, groups: usize, curves: Vec<Vec<(f64, f64)>>) {
+        if self.after.is_some() && !curves.is_empty() {
+            let gap = |curve: Vec<(f64, f64)>| {
+                let end = curve.last().map(|p| (p.0, f64::NAN));
+                curve.into_iter().chain(end)
+            };
+            figure.series.push(series("reference model", Mark::Dashed, groups, curves.into_iter().flat_map(gap)));
+        }
+        let full = if self.after.is_some() { format!(" Full lines: the model {}.", self.name) } else { String::new() };
+        figure.caption.push_str(&full);
+    }
+
+    /// Points and curves of each level of the quantity that an experiment holds constant.
+    fn family(
+        &self,
+        figure: &mut Figure,
+        levels: &[f64],
+        label: impl Fn(f64) -> String,
+        points: impl Fn(usize) -> Vec<(f64, f64)>,
+        y: impl Fn(&Plant, f64, f64) -> f64,
+    ) {
+        let mut dashed = Vec::new();
+        for (group, level) in levels.iter().enumerate() {
+            let own = points(group);
+            let Some((low, high)) = range(own.iter().map(|p| p.0)) else { continue };
+            let label = label(*level);
+            figure.series.push(series(format!("{label} measured"), Mark::Points, group, own));
+            let x = grid(low, high, SMOOTH);
+            self.curve(figure, &format!("{label} model"), group, x.clone(), |plant, x| y(plant, *level, x));
+            dashed.push(x.map(|x| (x, y(&self.before, *level, x))).collect());
+        }
+        self.reference(figure, levels.len(), dashed);
+    }
+}
+
+/// `-40°`, never `-0°`.
+fn degrees(angle: f64) -> String {
+    format!("{}°", angle.round() + 0.0)
 }
 
 fn empty(id: &str, title: &str, caption: String, x_label: &str, y_label: &str) -> Figure {
     Figure {
         id: id.into(),
-        section: section::CHARACTERISTICS.into(),
+        section: section::IDENTIFICATION.into(),
         title: title.into(),
         caption,
         x_label: x_label.into(),
@@ -75,17 +106,13 @@ fn torque(subject: &Subject, models: &Models) -> Figure {
     let points = &subject.identified.points.torque;
     let angles = levels(points.iter().map(|p| p.angle_deg), 1.0);
     let middle = mean_pressure(subject);
-    for (group, angle) in angles.iter().enumerate() {
-        let own: Vec<(f64, f64)> =
-            points.iter().filter(|p| nearest(&angles, p.angle_deg) == group).map(|p| (p.dp_bar, p.torque_nm)).collect();
-        let label = format!("{angle:.0}°");
-        let Some((low, high)) = range(own.iter().map(|p| p.0)) else { continue };
-        figure.series.push(series(format!("measured {label}"), Mark::Points, group, own));
-        let y = |plant: &Plant, dp: f64| {
-            plant.held_torque_nm(*angle, [middle + 0.5 * dp, (middle - 0.5 * dp).max(0.1)], false)
-        };
-        models.curves(&mut figure, &label, group, grid(low, high, SMOOTH), y);
-    }
+    let own = |group: usize| {
+        let own = points.iter().filter(|p| nearest(&angles, p.angle_deg) == group);
+        own.map(|p| (p.dp_bar, p.torque_nm)).collect()
+    };
+    models.family(&mut figure, &angles, degrees, own, |plant, angle, dp| {
+        plant.held_torque_nm(angle, [middle + 0.5 * dp, (middle - 0.5 * dp).max(0.1)], false)
+    });
     figure
 }
 
@@ -107,19 +134,12 @@ fn pump(subject: &Subject, models: &Models) -> Figure {
         empty("pump_map", "Pump characteristic", caption, "pressure difference p1 - p2 / bar", "flow / ml/s");
     let points = &subject.identified.points.pump;
     let voltages = levels(points.iter().map(|p| p.voltage_v), 0.2);
-    for (group, voltage) in voltages.iter().enumerate() {
-        let own: Vec<(f64, f64)> = points
-            .iter()
-            .filter(|p| nearest(&voltages, p.voltage_v) == group)
-            .map(|p| (p.dp_bar, p.flow_ml_s))
-            .collect();
-        let Some((low, high)) = range(own.iter().map(|p| p.0)) else { continue };
-        let label = format!("{} V", number(*voltage, 3));
-        figure.series.push(series(format!("measured {label}"), Mark::Points, group, own));
-        models.curves(&mut figure, &label, group, grid(low, high, SMOOTH), |plant, dp| {
-            plant.pump_flow_ml_s(*voltage, dp)
-        });
-    }
+    let own = |group: usize| {
+        let own = points.iter().filter(|p| nearest(&voltages, p.voltage_v) == group);
+        own.map(|p| (p.dp_bar, p.flow_ml_s)).collect()
+    };
+    let label = |voltage: f64| format!("{} V", (voltage * 100.0).round() / 100.0);
+    models.family(&mut figure, &voltages, label, own, Plant::pump_flow_ml_s);
     figure
 }
 
@@ -133,17 +153,11 @@ fn capacity(subject: &Subject, models: &Models) -> Figure {
         empty("capacity", "Hydraulic capacity of chamber 1", caption, "pressure / bar", "capacity / ml/bar");
     let points = &subject.identified.points.capacity;
     let angles = levels(points.iter().map(|p| p.angle_deg), 2.0);
-    for (group, angle) in angles.iter().enumerate() {
-        let own: Vec<(f64, f64)> = points
-            .iter()
-            .filter(|p| nearest(&angles, p.angle_deg) == group)
-            .map(|p| (p.pressure_bar, p.capacity_ml_bar))
-            .collect();
-        let Some((low, high)) = range(own.iter().map(|p| p.0)) else { continue };
-        let label = format!("{angle:.0}°");
-        figure.series.push(series(format!("measured {label}"), Mark::Points, group, own));
-        models.curves(&mut figure, &label, group, grid(low, high, SMOOTH), |plant, p| plant.capacity_ml_bar(*angle, p));
-    }
+    let own = |group: usize| {
+        let own = points.iter().filter(|p| nearest(&angles, p.angle_deg) == group);
+        own.map(|p| (p.pressure_bar, p.capacity_ml_bar)).collect()
+    };
+    models.family(&mut figure, &angles, degrees, own, Plant::capacity_ml_bar);
     figure
 }
 
@@ -164,9 +178,8 @@ fn losses(subject: &Subject, models: &Models) -> Figure {
     let Some((low, high)) = range(points.iter().map(|p| p.velocity_rad_s)) else { return figure };
     let reach = low.abs().max(high.abs());
     let least = if low < 0.0 { -reach } else { 0.0 };
-    models.curves(&mut figure, "", 0, grid(least, reach, 4 * SMOOTH), |plant, w| plant.loss_nm(w, load));
-    for s in &mut figure.series {
-        s.name = s.name.trim().to_string();
-    }
+    let x = grid(least, reach, 4 * SMOOTH);
+    models.curve(&mut figure, "model", 0, x.clone(), |plant, w| plant.loss_nm(w, load));
+    models.reference(&mut figure, 1, vec![x.map(|w| (w, models.before.loss_nm(w, load))).collect()]);
     figure
 }

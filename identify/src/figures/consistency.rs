@@ -45,7 +45,7 @@ pub(super) fn tables(subject: &Subject) -> Vec<Table> {
         }
     }
     vec![Table {
-        section: section::PARAMETERS.into(),
+        section: section::IDENTIFICATION.into(),
         title: "Consistency checks".into(),
         caption: "Of the model's equations with the identified values.".into(),
         columns: ["check", "value", "std. error", "meaning"].map(String::from).to_vec(),

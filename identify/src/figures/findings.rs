@@ -99,7 +99,6 @@ fn effects(d: &Diagnosis) -> Table {
                 number(std, 2),
                 interval(value, std),
                 p.unit.to_string(),
-                head(header.equation.to_string()),
             ]);
         }
     }
@@ -115,10 +114,12 @@ fn effects(d: &Diagnosis) -> Table {
         ),
         _ => ("What was added to the model", "Fitted together with all base parameters. Interval: 95 %."),
     };
+    let equations: Vec<String> =
+        d.effects.iter().map(|a| format!(" {}: {}.", a.effect.header().id, a.effect.header().equation)).collect();
     Table {
         section: section::RESULT.into(),
         title: title.into(),
-        caption: caption.into(),
+        caption: format!("{caption}{}", equations.concat()),
         columns: [
             "effect",
             "balance",
@@ -144,14 +145,13 @@ fn candidates(d: &Diagnosis) -> Table {
             header.map_or(String::new(), |h| h.balance.as_str().into()),
             chance(c.probability),
             header.map_or(String::new(), |h| h.summary.into()),
-            header.map_or(String::new(), |h| h.measure.into()),
         ]
     });
     Table {
         section: section::RESULT.into(),
         title: "Candidates".into(),
         caption: "Those whose score led to a joint refit, by how far they stand behind the best.".into(),
-        columns: ["candidate", "balance", "probability", "what it is", "how to measure it"].map(String::from).to_vec(),
+        columns: ["candidate", "balance", "probability", "what it is"].map(String::from).to_vec(),
         rows: rows.collect(),
     }
 }

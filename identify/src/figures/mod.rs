@@ -26,10 +26,8 @@ pub mod section {
     pub const VALIDATION: &str = "Validation";
     /// What the reference model leaves.
     pub const RESIDUAL: &str = "Residual";
-    /// The counterparts of the paper's characteristics.
-    pub const CHARACTERISTICS: &str = "Characteristics";
-    /// Values with their errors.
-    pub const PARAMETERS: &str = "Parameters";
+    /// Parameters, and the counterparts of the paper's characteristics.
+    pub const IDENTIFICATION: &str = "Identification";
 }
 
 /// Everything that figures and tables are made of.

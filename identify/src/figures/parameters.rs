@@ -29,22 +29,29 @@ fn base(subject: &Subject) -> Table {
         } else {
             number(component[p], 4)
         };
-        let mut row = vec![NAMES[p].to_string(), UNITS[p].to_string(), separate];
-        row.extend(columns(&subject.identified.fit, subject.uncertainty, p));
-        if let Some((fit, uncertainty)) = after {
-            row.extend(columns(fit, uncertainty, p));
+        let unit = if UNITS[p] == "1" { "-" } else { UNITS[p] };
+        let mut row = vec![NAMES[p].to_string(), unit.to_string(), separate];
+        let reference = columns(&subject.identified.fit, subject.uncertainty, p);
+        match after {
+            Some((fit, uncertainty)) => {
+                row.extend(reference.into_iter().take(2));
+                row.extend(columns(fit, uncertainty, p));
+            }
+            None => row.extend(reference),
         }
         row
     });
-    let mut heads = vec!["parameter", "unit", "paper's separate fit", "reference model", "std. error", "95 % interval"];
+    let mut heads = vec!["parameter", "unit", "separate fit", "reference model", "std. error"];
     if after.is_some() {
-        heads.extend(["with what was added", "std. error", "95 % interval"]);
+        heads.extend(["with what was added", "std. error"]);
     }
+    heads.push("95 % interval");
     Table {
-        section: section::PARAMETERS.into(),
+        section: section::IDENTIFICATION.into(),
         title: "Parameters".into(),
-        caption: "The paper's separate fits evaluate each experiment by itself and give the start; then all parameters are fitted \
-                  together in free run to all runs with role identify. l4 follows from the others, eq. (16) being continuous."
+        caption: "The separate fits evaluate each experiment by itself, as the paper does, and give the start; then all parameters \
+                  are fitted together in free run to all runs with role identify. l4 follows from the others, eq. (16) being \
+                  continuous."
             .into(),
         columns: heads.into_iter().map(String::from).collect(),
         rows: rows.collect(),
@@ -58,7 +65,7 @@ fn given(parameter: usize) -> bool {
 
 fn undetermined(subject: &Subject) -> Table {
     Table {
-        section: section::PARAMETERS.into(),
+        section: section::IDENTIFICATION.into(),
         title: "Not determined by this campaign".into(),
         caption: "These keep the value they started from, so that the model can be simulated; it is no result.".into(),
         columns: ["parameter", "why"].map(String::from).to_vec(),

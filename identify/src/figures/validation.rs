@@ -4,7 +4,7 @@ use recordings::Protocol;
 
 use crate::figure::{Figure, Mark, Series, Table};
 use crate::figures::text::{number, run_name};
-use crate::figures::{Subject, section, series};
+use crate::figures::{Subject, residual, section, series};
 use crate::prepare::Channel;
 use crate::validate::{Simulated, ValidatedRun};
 
@@ -39,8 +39,33 @@ pub(super) fn figures(subject: &Subject) -> Vec<Figure> {
                 series,
             });
         }
+        out.extend(left(subject, run));
     }
     out
+}
+
+/// What the simulations leave of a run, averaged.
+fn left(subject: &Subject, run: &ValidatedRun) -> Option<Figure> {
+    let name = run_name(&run.prepared.file);
+    let mut figure = residual::empty(name, section::VALIDATION);
+    let added = subject.after().is_some();
+    let shown = [(&run.before, added), (run.after.as_ref().unwrap_or(&run.before), false)];
+    for (group, channel) in Channel::ALL.into_iter().enumerate() {
+        let c = channel as usize;
+        for (result, reference) in shown.iter().skip(usize::from(!added)) {
+            let Ok(result) = result else { continue };
+            let errors = run.prepared.stretches.iter().zip(&result.rows).filter(|(s, _)| !s.measured[c].is_empty());
+            let errors = errors.flat_map(|(s, rows)| {
+                s.time_s.iter().zip(&s.measured[c]).zip(rows).map(|((t, m), y)| (*t, m - y[c], 1))
+            });
+            let floor = run.noise_floor[c];
+            let points: Vec<(f64, f64)> = residual::averaged(errors).into_iter().map(|(t, r)| (t, r / floor)).collect();
+            if !points.is_empty() {
+                figure.series.push(residual::curve(subject, channel, *reference, group, points));
+            }
+        }
+    }
+    (!figure.series.is_empty()).then_some(figure)
 }
 
 fn caption(subject: &Subject, run: &ValidatedRun) -> String {
@@ -103,7 +128,7 @@ pub(super) fn tables(subject: &Subject) -> Vec<Table> {
         let name = run_name(&run.prepared.file);
         if let Some(failure) = run.failure() {
             let mut row = vec![name.to_string(), failure];
-            row.resize(if diagnosed { 10 } else { 7 }, String::new());
+            row.resize(if diagnosed { 9 } else { 7 }, String::new());
             rows.push(row);
         }
         for c in run.compared() {
@@ -112,8 +137,7 @@ pub(super) fn tables(subject: &Subject) -> Vec<Table> {
             row.push(number(c.noise_floor, 3));
             row.push(number(c.before.rmse / c.noise_floor, 3));
             row.extend(c.after.filter(|_| diagnosed).map(|a| number(a.rmse / c.noise_floor, 3)));
-            row.push(number(c.before.largest, 3));
-            row.extend(c.after.filter(|_| diagnosed).map(|a| number(a.largest, 3)));
+            row.push(number(c.after.unwrap_or(c.before).largest, 3));
             let fit = c.after.unwrap_or(c.before).fit_percent;
             row.push(fit.map_or("-".into(), |f| format!("{f:.2}")));
             rows.push(row);
@@ -128,8 +152,7 @@ pub(super) fn tables(subject: &Subject) -> Vec<Table> {
             "noise floor",
             "before / floor",
             "after / floor",
-            "largest error before",
-            "largest error after",
+            "largest after",
             "fit after / %",
         ]
     } else {

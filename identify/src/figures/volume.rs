@@ -5,6 +5,7 @@ use recordings::{Protocol, Role};
 use crate::figure::{Figure, Mark};
 use crate::figures::plant::Plant;
 use crate::figures::{Subject, grid, range, section, series};
+use crate::fit::Fit;
 use crate::noise::mean;
 use crate::predict::predict_rows;
 use crate::prepare::{Channel, Stand, segments};
@@ -52,7 +53,7 @@ fn volume_over_angle(subject: &Subject, sweeps: &[Sweep]) -> Figure {
     let plant = Plant::of(subject.last());
     let mut figure = Figure {
         id: "volume_map".into(),
-        section: section::CHARACTERISTICS.into(),
+        section: section::IDENTIFICATION.into(),
         title: "Volume characteristic of chamber 1".into(),
         caption: "Counterpart of fig. 3: the amounts of oil of the volume map at the angles where each sweep passes a pressure, \
                   and the integral of eq. (14), placed at each pressure's mean: eq. (14) knows no pressure, so where the points of one \
@@ -75,9 +76,9 @@ fn volume_over_angle(subject: &Subject, sweeps: &[Sweep]) -> Figure {
         }
         let (shift, _) = mean(points.iter().map(|(a, v)| v - displaced(*a)));
         let Some((low, high)) = range(points.iter().map(|p| p.0)) else { continue };
-        figure.series.push(series(format!("measured {level} bar"), Mark::Points, group, points));
+        figure.series.push(series(format!("{level} bar measured"), Mark::Points, group, points));
         let curve = grid(low, high, 61).map(|a| (a, shift + displaced(a)));
-        figure.series.push(series(format!("eq. (14) at {level} bar"), Mark::Line, group, curve));
+        figure.series.push(series(format!("{level} bar eq. (14)"), Mark::Line, group, curve));
     }
     figure
 }
@@ -97,7 +98,7 @@ fn angle_at(points: &[(f64, f64)], pressure_bar: f64) -> Option<f64> {
 fn pressure_over_angle(subject: &Subject, sweeps: &[Sweep]) -> Figure {
     let mut figure = Figure {
         id: "volume_map_pressure".into(),
-        section: section::CHARACTERISTICS.into(),
+        section: section::IDENTIFICATION.into(),
         title: "Pressure of chamber 1 at constant amounts of oil".into(),
         caption:
             "What the volume map measures: both chambers shut off, the lever led slowly. The models run free from each \
@@ -109,32 +110,40 @@ fn pressure_over_angle(subject: &Subject, sweeps: &[Sweep]) -> Figure {
     };
     for (group, s) in sweeps.iter().enumerate() {
         figure.series.push(series(
-            format!("measured {:.0} ml", s.volume_ml),
+            format!("{:.0} ml measured", s.volume_ml),
             Mark::Points,
             group,
             s.points.iter().copied(),
         ));
     }
-    let mut models = vec![(subject.last(), subject.last_name(), Mark::Line)];
-    if subject.after().is_some() {
-        models.push((&subject.identified.fit, "reference model".to_string(), Mark::Dashed));
+    let (reference, last) = (curves(subject, &subject.identified.fit), curves(subject, subject.last()));
+    for (volume_ml, curve) in last {
+        let distance = |n: &usize| (sweeps[*n].volume_ml - volume_ml).abs();
+        let group = (0..sweeps.len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(0);
+        figure.series.push(series(format!("{volume_ml:.0} ml model"), Mark::Line, group, curve));
     }
-    let problem = &subject.identified.problem;
-    for (fit, name, mark) in models {
-        for (n, s) in problem.stretches.iter().enumerate().filter(|(_, s)| s.stand == Stand::LedShutOff) {
-            let initial = fit.point.initial.get(n).copied().unwrap_or_default();
-            let Ok(rows) = predict_rows(s, &fit.layout, &fit.point.theta, &initial) else { continue };
-            let volume = volume_of(subject, s.run, s.time_s[0]);
-            let group = (0..sweeps.len())
-                .min_by(|&a, &b| (sweeps[a].volume_ml - volume).abs().total_cmp(&(sweeps[b].volume_ml - volume).abs()));
-            let step = s.rows().div_ceil(POINTS_PER_SWEEP);
-            let curve = (0..s.rows())
-                .step_by(step)
-                .map(|i| (s.angle_rad[i].to_degrees(), rows[i][Channel::Pressure1 as usize]));
-            figure.series.push(series(format!("{name} {volume:.0} ml"), mark, group.unwrap_or(0), curve));
-        }
+    if subject.after().is_some() {
+        let gap = |curve: Vec<(f64, f64)>| curve.into_iter().chain([(f64::NAN, f64::NAN)]);
+        let joined = reference.into_iter().flat_map(|(_, curve)| gap(curve));
+        figure.series.push(series("reference model", Mark::Dashed, sweeps.len(), joined));
+        figure.caption.push_str(&format!(" Full lines: the model {}.", subject.last_name()));
     }
     figure
+}
+
+/// Amount of oil, angle (deg) and pressure 1 (bar) of each sweep of the fitted volume maps, as a model says them.
+fn curves(subject: &Subject, fit: &Fit) -> Vec<(f64, Vec<(f64, f64)>)> {
+    let stretches = subject.identified.problem.stretches.iter().enumerate();
+    let swept = stretches.filter(|(_, s)| s.stand == Stand::LedShutOff);
+    swept
+        .filter_map(|(n, s)| {
+            let initial = fit.point.initial.get(n).copied().unwrap_or_default();
+            let rows = predict_rows(s, &fit.layout, &fit.point.theta, &initial).ok()?;
+            let shown = (0..s.rows()).step_by(s.rows().div_ceil(POINTS_PER_SWEEP));
+            let curve = shown.map(|i| (s.angle_rad[i].to_degrees(), rows[i][Channel::Pressure1 as usize]));
+            Some((volume_of(subject, s.run, s.time_s[0]), curve.collect()))
+        })
+        .collect()
 }
 
 /// The amount of oil that a run's segment at this time holds.
