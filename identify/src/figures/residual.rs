@@ -19,7 +19,11 @@ pub(super) fn figures(subject: &Subject) -> Vec<Figure> {
         let mut figure = empty(run_name(&loaded.entry.file), section::RESIDUAL);
         for (group, channel) in [Channel::Angle, Channel::Pressure1, Channel::Pressure2].into_iter().enumerate() {
             let own = |curves: &[Curve]| {
-                curves.iter().find(|c| c.run == run && c.channel == channel).map(|c| c.points.clone()).unwrap_or_default()
+                curves
+                    .iter()
+                    .find(|c| c.run == run && c.channel == channel)
+                    .map(|c| c.points.clone())
+                    .unwrap_or_default()
             };
             match &after {
                 Some(after) => {
@@ -50,7 +54,13 @@ pub(super) fn empty(name: &str, section: &str) -> Figure {
 }
 
 /// The averaged residual of one channel; `reference`: of the reference model beside another one.
-pub(super) fn curve(subject: &Subject, channel: Channel, reference: bool, group: usize, points: Vec<(f64, f64)>) -> Series {
+pub(super) fn curve(
+    subject: &Subject,
+    channel: Channel,
+    reference: bool,
+    group: usize,
+    points: Vec<(f64, f64)>,
+) -> Series {
     let name = channel.column();
     match (subject.after(), reference) {
         (Some(_), true) => series(format!("{name} reference model"), Mark::Dashed, group, points),
