@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use model::ModelFile;
+use model::integrate::SimulationError;
 
 use crate::diagnose::{Diagnosis, Verdict, diagnose};
 use crate::figure::{Figure, Table};
@@ -11,7 +12,7 @@ use crate::findings::Findings;
 use crate::identification::{Identified, IdentifyError, Loaded, identify};
 use crate::model_file::{declared_fit, model_file};
 use crate::uncertainty::Uncertainty;
-use crate::validate::{ValidatedRun, prepare_validation, validate};
+use crate::validate::{Prepared, ValidatedRun, prepare_validation, validate};
 
 /// Name of the model file.
 pub const MODEL_FILE: &str = "model.toml";
@@ -78,16 +79,29 @@ pub fn analyse(loaded: &Loaded, depth: Depth, progress: &dyn Fn(&str)) -> Result
         }
     };
 
+    let analysis = conclude(loaded, prepared, identified, diagnosis).map_err(simulation("the identify runs"))?;
+    progress("validation runs simulated, figures and tables made");
+    Ok(analysis)
+}
+
+/// The results of what was identified and, where it was asked for, found: validation, files, figures and tables.
+///
+/// # Errors
+/// The fitted model can't be simulated on the runs that it was fitted to.
+pub fn conclude(
+    loaded: &Loaded,
+    prepared: Vec<Prepared>,
+    identified: Identified,
+    diagnosis: Option<Diagnosis>,
+) -> Result<Analysis, SimulationError> {
     let verdict = diagnosis.as_ref().map(|d| d.verdict);
     let changed = diagnosis.as_ref().filter(|d| d.verdict != Verdict::None);
-    let uncertainty = Uncertainty::of(&identified.problem, &identified.fit).map_err(simulation("the identify runs"))?;
+    let uncertainty = Uncertainty::of(&identified.problem, &identified.fit)?;
     let uncertainty_after = match changed {
-        Some(d) => Some(Uncertainty::of(&identified.problem, &d.after).map_err(simulation("the identify runs"))?),
+        Some(d) => Some(Uncertainty::of(&identified.problem, &d.after)?),
         None => None,
     };
     let validation = validate(loaded, prepared, &identified.fit, diagnosis.as_ref().map(|d| &d.after));
-    progress("validation runs simulated");
-
     let declared = declared_fit(&identified, diagnosis.as_ref());
     let own = match (&uncertainty_after, verdict) {
         (Some(after), Some(Verdict::Attributed)) => after,
@@ -106,7 +120,6 @@ pub fn analyse(loaded: &Loaded, depth: Depth, progress: &dyn Fn(&str)) -> Result
     };
     let (figures, tables) = (figures::figures(&subject), figures::tables(&subject));
     let headline = figures::headline(&subject);
-    progress("figures and tables made");
     Ok(Analysis { campaign, identified, diagnosis, validation, model, findings, figures, tables, headline })
 }
 

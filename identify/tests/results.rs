@@ -5,7 +5,7 @@ mod common;
 use std::path::Path;
 
 use common::{ANGLE_NOISE_DEG, PRESSURE_NOISE_BAR, dynamic, layout, problem};
-use identify::analysis::{Analysis, Depth, analyse};
+use identify::analysis::{Analysis, Depth, analyse, conclude};
 use identify::diagnose::{Added, Diagnosis, Ranked, Verdict};
 use identify::findings::{Candidate, Findings, ranking};
 use identify::fit::Fit;
@@ -352,4 +352,82 @@ fn a_campaign_without_component_experiments_says_what_it_leaves_open() {
     assert_eq!(ModelFile::read(&written[0]).unwrap(), analysis.model);
     let again = analyse(&loaded, Depth::Identification, &|_| ()).unwrap();
     assert_eq!(again.model.to_toml(), analysis.model.to_toml(), "the same recordings give the same bytes");
+}
+
+/// A campaign with a pump lag as it stands after a diagnosis with this verdict.
+fn diagnosed(dir: &Path, verdict: Verdict, id: &str, values: &[f64]) -> Analysis {
+    let truth = Parameters::example();
+    let lag = Some((find("pump_lag").unwrap(), vec![0.012]));
+    let fitted = dynamic(&truth, lag.clone(), 10.0, 1);
+    let runs = [("a.csv", Role::Identify, fitted.clone()), ("b.csv", Role::Validate, dynamic(&truth, lag, 10.0, 2))];
+    let loaded = campaign(dir, &runs);
+    let problem = problem(&[fitted]);
+    let layout = layout(&truth);
+    let point = problem.point(layout.vector_of(&truth));
+    let fit = Fit { cost: problem.cost(&layout, &point), layout: layout.clone(), point, converged: true };
+    let found = added(id, values, &vec![1e-3; values.len()]);
+    let with = layout.with(found.effect);
+    let mut point = fit.point.clone();
+    point.theta.extend_from_slice(values);
+    let after = Fit { cost: problem.cost(&with, &point), layout: with, point, converged: true };
+    let mut d = diagnosis(verdict, &after);
+    d.ranking = vec![Ranked { id: id.to_string(), probability: 1.0 }];
+    d.effects.push(found);
+    let identified = Identified {
+        problem,
+        std: vec![0.0; fit.layout.len()],
+        fit,
+        undetermined: Default::default(),
+        component: truth,
+        points: Characteristics::default(),
+    };
+    conclude(&loaded, prepare_validation(&loaded).unwrap(), identified, Some(d)).unwrap()
+}
+
+#[test]
+fn an_attributed_effect_is_in_the_model_the_findings_and_the_report() {
+    let dir = tempfile::tempdir().unwrap();
+    let analysis = diagnosed(dir.path(), Verdict::Attributed, "pump_lag", &[0.012]);
+    check_report(&analysis);
+    let findings = analysis.findings.as_ref().unwrap();
+    assert_eq!(analysis.model.effect.len(), 1);
+    assert_eq!(analysis.model.effect[0].parameters["tau"], 0.012);
+    assert_eq!(findings.effects[0].parameters.0[0].1.value, 0.012);
+    assert_eq!(findings.validation.len(), 3);
+    assert!(findings.validation[0].rmse_after < 0.5 * findings.validation[0].rmse_before);
+    assert!(analysis.headline[0].contains("pump_lag"));
+    let shown = |name: &str| analysis.figures.iter().flat_map(|f| &f.series).any(|s| s.name.contains(name));
+    assert!(shown("reference model") && shown("with pump_lag"));
+
+    let out = dir.path().join("analysis");
+    assert_eq!(analysis.write(&out).unwrap(), [out.join("model.toml"), out.join("findings.json")]);
+    assert_eq!(std::fs::read_to_string(out.join("findings.json")).unwrap(), findings.to_json());
+    let error = analysis.write(&out.join("model.toml")).unwrap_err().to_string();
+    assert!(error.contains("model.toml") && error.contains("--out"), "{error}");
+}
+
+#[test]
+fn terms_without_a_name_are_no_part_of_the_model_file_but_are_drawn() {
+    let dir = tempfile::tempdir().unwrap();
+    let terms = EMPIRICAL[2].header().parameters.len();
+    let analysis = diagnosed(dir.path(), Verdict::Unrecognised, "empirical_pump", &vec![0.02; terms]);
+    check_report(&analysis);
+    assert!(analysis.model.effect.is_empty());
+    let truth = Parameters::example();
+    assert_eq!(
+        analysis.model.parameters.torque, truth.torque,
+        "without its terms only the reference model stands for itself"
+    );
+    assert_eq!(analysis.findings.as_ref().unwrap().effects[0].id, "unrecognised");
+    let curve = analysis.figures.iter().flat_map(|f| &f.series).find(|s| s.name == "empirical_pump adds");
+    assert!(curve.is_some_and(|s| s.y.iter().any(|v| v.abs() > 1e-3)), "the term is shown as a curve");
+}
+
+#[test]
+fn candidates_that_can_t_be_told_apart_are_claimed_nowhere() {
+    let dir = tempfile::tempdir().unwrap();
+    let analysis = diagnosed(dir.path(), Verdict::Ambiguous, "pump_lag", &[0.012]);
+    check_report(&analysis);
+    assert!(analysis.model.effect.is_empty() && analysis.findings.as_ref().unwrap().effects.is_empty());
+    assert!(analysis.headline[0].contains("can't tell"));
 }

@@ -120,19 +120,9 @@ fn effects(d: &Diagnosis) -> Table {
         section: section::RESULT.into(),
         title: title.into(),
         caption: format!("{caption}{}", equations.concat()),
-        columns: [
-            "effect",
-            "balance",
-            "probability",
-            "parameter",
-            "value",
-            "std. error",
-            "95 % interval",
-            "unit",
-            "equation",
-        ]
-        .map(String::from)
-        .to_vec(),
+        columns: ["effect", "balance", "probability", "parameter", "value", "std. error", "95 % interval", "unit"]
+            .map(String::from)
+            .to_vec(),
         rows,
     }
 }

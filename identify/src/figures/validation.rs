@@ -144,24 +144,14 @@ pub(super) fn tables(subject: &Subject) -> Vec<Table> {
         }
     }
     let columns: &[&str] = if diagnosed {
-        &[
-            "run",
-            "channel",
-            "RMSE before",
-            "RMSE after",
-            "noise floor",
-            "before / floor",
-            "after / floor",
-            "largest after",
-            "fit after / %",
-        ]
+        &["run", "channel", "before", "after", "floor", "before / floor", "after / floor", "largest after", "fit / %"]
     } else {
-        &["run", "channel", "RMSE", "noise floor", "RMSE / floor", "largest error", "fit / %"]
+        &["run", "channel", "RMSE", "floor", "RMSE / floor", "largest", "fit / %"]
     };
     vec![Table {
         section: section::VALIDATION.into(),
         title: "Free-run errors of the runs that were never fitted".into(),
-        caption: "In the channel's own unit, over all samples. The noise floor is what the sensor alone causes, estimated from the \
+        caption: "Root mean square errors and the largest one, in the channel's own unit, over all samples. The noise floor is what the sensor alone causes, estimated from the \
                   data: a perfect model's error. Fit: 100 % is no error, 0 % no better than the channel's mean."
             .into(),
         columns: columns.iter().map(|c| c.to_string()).collect(),
