@@ -92,6 +92,8 @@ pub struct Diagnosis {
 const LEVEL: f64 = 0.01;
 /// Structured residual below this many noise floors (RMS) does not matter.
 const MATERIAL: f64 = 0.1;
+/// Structured residual (noise floors) that is certainly more than the sensors' own.
+const CLEAR: f64 = 0.7;
 /// An effect counts as found when it explains at least this share of the structured residual.
 const EXPLAINED: f64 = 0.85;
 /// Standard errors (by clusters) by which one model must be better than another to be preferred.
@@ -287,8 +289,8 @@ pub fn diagnose(identified: &Identified, progress: &dyn Fn(&str)) -> Result<Diag
         let share = explained_share(&parts_before, &parts);
         let (_, better) = advantage(&residual_before, &residual, &clusters, count);
         tracing::info!(balance = effect.header().balance.as_str(), share, explained, better, "empirical term");
-        // coloured sensor noise is no misfit of the plant: the terms must explain a good part of it
-        if share > 0.3 && better > PREFERRED {
+        // a weak misfit that no term explains may be the sensors' own; a clear one is there, whether explained or not
+        if (share > 0.3 && better > PREFERRED) || misfit::largest(&parts_after) > CLEAR {
             verdict = Verdict::Unrecognised;
             added =
                 vec![Added { effect, probability: 1.0, equivalent: Vec::new(), values: Vec::new(), std: Vec::new() }];
@@ -341,7 +343,7 @@ fn refit_all(
             .iter()
             .map(|e| (*e, round.of(e.header().id).into_iter().map(|i| &round.directions[i]).collect()))
             .collect();
-        let effort = Effort { iterations: 14, tolerance: 3e-4, hopeless_above: best * 1.5, patience: 4 };
+        let effort = Effort { iterations: 10, tolerance: 3e-4, hopeless_above: best * 1.5, patience: 2 };
         if let Some(r) = refit(problem, bases, &added, effort) {
             let names: Vec<&str> = r.added.clone();
             progress(&format!("{} refitted: cost {:.0} from {:.0}", names.join(" + "), r.fit.cost, bases.current.cost));

@@ -22,6 +22,8 @@ pub struct LoadedRun {
     pub recording: Recording,
     /// Noise of one sample by channel, in the channel's unit, where the data tell it.
     pub noise: [Option<f64>; 5],
+    /// Step of a quantised channel, in the channel's unit; 0 for a continuous one.
+    pub step: [f64; 5],
 }
 
 /// A campaign with all runs read.
@@ -100,7 +102,9 @@ impl Loaded {
                     if c == Channel::Volume { readings(&recording) } else { c.of(&recording).to_vec() };
                 white_std(&values).filter(|s| *s > 0.0)
             });
-            runs.push(LoadedRun { entry: entry.clone(), recording, noise });
+            let step =
+                Channel::ALL.map(|c| if c == Channel::Volume { 0.0 } else { crate::noise::step(c.of(&recording)) });
+            runs.push(LoadedRun { entry: entry.clone(), recording, noise, step });
         }
         Ok(Loaded { campaign, runs })
     }
@@ -112,13 +116,22 @@ impl Loaded {
             let pieces = stretches(n, &run.entry.file, run.entry.protocol, run.entry.plane, &run.recording)?;
             for s in pieces {
                 problem.std.push(Channel::ALL.map(|c| self.noise_of(n, c)));
+                problem.steps.push(Channel::ALL.map(|c| self.undithered(n, c)));
                 problem.stretches.push(s);
             }
         }
         Ok(problem)
     }
 
-    /// Noise of one sample of a channel in a run; where the run does not tell it, the median of the other runs.
+    /// Mean square that a sensor's steps leave structured, in units of its noise squared: where the noise is too small to
+    /// dither them.
+    fn undithered(&self, run: usize, channel: Channel) -> f64 {
+        let step = self.runs[run].step[channel as usize];
+        let noise = self.runs[run].noise[channel as usize].unwrap_or(0.0);
+        if noise < 0.4 * step { step * step / 12.0 / self.noise_of(run, channel).powi(2) } else { 0.0 }
+    }
+
+    /// Noise of one sample of a channel in a run, at least what its steps make; where the run does not tell it, the median of the other runs.
     pub fn noise_of(&self, run: usize, channel: Channel) -> f64 {
         let c = channel as usize;
         // the clamp-steps hold one reading of the cylinder for a whole segment: the pump map tells its noise
@@ -126,7 +139,8 @@ impl Loaded {
             (Protocol::ClampSteps, Channel::Volume) => None,
             _ => self.runs[run].noise[c],
         };
-        own.unwrap_or_else(|| {
+        let least = self.runs[run].step[c] / 12f64.sqrt();
+        own.map(|s| s.max(least)).unwrap_or_else(|| {
             let mut others: Vec<f64> = self
                 .runs
                 .iter()
@@ -238,7 +252,7 @@ pub fn identify(loaded: &Loaded, progress: &dyn Fn(&str)) -> Result<Identified, 
     // a gross misfit bends the parameters whatever is done: no use in polishing them
     let gross = first.cost > 10.0 * problem.targets() as f64;
     let polish = Effort {
-        iterations: if gross { 4 } else { 20 },
+        iterations: if gross { 12 } else { 20 },
         tolerance: if gross { 1e-3 } else { 1e-6 },
         ..Effort::default()
     };

@@ -19,12 +19,16 @@ pub struct Part {
     /// Mean square of the structured part of the residual, in units of the noise of one sample squared. May come out
     /// slightly negative where there is none.
     pub structured: f64,
-    /// `structured` over its standard error by clusters.
+    /// `structured` over its standard error without structure.
     pub significance: f64,
 }
 
 /// Structured residual by run and channel: the mean product of neighbouring blocks, whose noise is independent.
+///
+/// What is no misfit of the plant is taken off: the colour of the sensors' noise as it shows during the initial rests, and
+/// what the steps of an encoder leave that no noise dithers.
 pub fn parts(problem: &Problem, residuals: &[Vec<f64>], clusters: &[Vec<usize>]) -> Vec<Part> {
+    let colour = colour_at_rest(problem, residuals);
     let mut out: Vec<Part> = Vec::new();
     let runs: std::collections::BTreeSet<usize> = problem.stretches.iter().map(|s| s.run).collect();
     for run in runs {
@@ -33,14 +37,17 @@ pub fn parts(problem: &Problem, residuals: &[Vec<f64>], clusters: &[Vec<usize>])
             let (mut weight, mut pairs) = (0.0, 0usize);
             let mut free = false;
             let mut protocol = None;
+            let mut steps = 0.0;
             for (n, s) in problem.stretches.iter().enumerate().filter(|(_, s)| s.run == run) {
                 free = s.stand == Stand::Free;
                 protocol = Some(s.protocol);
+                steps = problem.steps[n][channel as usize];
+                let taken = if free { colour[channel as usize] } else { 0.0 };
                 let mut last: Option<f64> = None;
                 for (t, target) in s.targets.iter().enumerate().filter(|(_, t)| t.channel == channel) {
                     let r = residuals[n][t];
                     if let Some(before) = last {
-                        *sums.entry(clusters[n][t]).or_default() += r * before;
+                        *sums.entry(clusters[n][t]).or_default() += r * before - taken;
                         weight += target.samples as f64;
                         pairs += 1;
                     }
@@ -51,14 +58,36 @@ pub fn parts(problem: &Problem, residuals: &[Vec<f64>], clusters: &[Vec<usize>])
             if pairs < 10 {
                 continue;
             }
-            let total: f64 = sums.values().sum();
-            let spread: f64 = sums.values().map(|v| (v - total / sums.len() as f64).powi(2)).sum::<f64>().sqrt();
+            let total: f64 = sums.values().sum::<f64>() - steps * weight;
             // white noise alone spreads the sum by sqrt(pairs)
-            let error = spread.max((pairs as f64).sqrt());
+            let error = (pairs as f64).sqrt();
             out.push(Part { run, protocol, free, channel, structured: total / weight, significance: total / error });
         }
     }
     out
+}
+
+/// Mean product of neighbouring blocks before the first motion, by channel, where it is more than chance: the colour of
+/// the noise itself.
+fn colour_at_rest(problem: &Problem, residuals: &[Vec<f64>]) -> [f64; 5] {
+    let mut sums = [0.0; 5];
+    let mut pairs = [0usize; 5];
+    for (s, r) in problem.stretches.iter().zip(residuals).filter(|(s, _)| s.stand == Stand::Free) {
+        let moved = s.voltage_v.iter().position(|u| *u != 0.0).unwrap_or(s.rows());
+        let mut last = [f64::NAN; 5];
+        for (t, r) in s.targets.iter().zip(r).filter(|(t, _)| t.middle < moved) {
+            let c = t.channel as usize;
+            if last[c].is_finite() {
+                sums[c] += last[c] * r;
+                pairs[c] += 1;
+            }
+            last[c] = *r;
+        }
+    }
+    std::array::from_fn(|c| {
+        let n = pairs[c] as f64;
+        if n > 20.0 && sums[c] > 3.0 * n.sqrt() { sums[c] / n } else { 0.0 }
+    })
 }
 
 /// The parts that decide: those of the runs with a free lever, or all where there are none.
@@ -69,11 +98,7 @@ pub fn deciding(parts: &[Part]) -> Vec<&Part> {
 
 /// Largest structured residual of the deciding parts that is more than noise, in units of the noise of one sample (RMS).
 pub fn largest(parts: &[Part]) -> f64 {
-    deciding(parts)
-        .iter()
-        .filter(|p| p.significance > 3.5)
-        .map(|p| p.structured.max(0.0).sqrt())
-        .fold(0.0, f64::max)
+    deciding(parts).iter().filter(|p| p.significance > 5.0).map(|p| p.structured.max(0.0).sqrt()).fold(0.0, f64::max)
 }
 
 /// Sum of the structured mean squares of the deciding parts.

@@ -29,6 +29,20 @@ pub fn white_std(values: &[f64]) -> Option<f64> {
     Some(median(&mut windows).sqrt())
 }
 
+/// Step of a quantised series: the least distance of two different values, if at most 2000 of them occur; 0 for a
+/// continuous one.
+pub fn step(values: &[f64]) -> f64 {
+    let mut sorted: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
+    sorted.sort_by(f64::total_cmp);
+    sorted.dedup();
+    if sorted.len() > 20_000 || sorted.len() < 3 {
+        return 0.0;
+    }
+    let mut gaps: Vec<f64> = sorted.windows(2).map(|w| w[1] - w[0]).collect();
+    // rounding in a file moves each value a little: the typical gap, not the least
+    median(&mut gaps)
+}
+
 /// Median; reorders its argument. 0 for an empty one.
 pub fn median(values: &mut [f64]) -> f64 {
     if values.is_empty() {

@@ -15,6 +15,9 @@ pub struct Problem {
     pub stretches: Vec<Stretch>,
     /// By stretch and [`Channel`]: standard deviation of one sample's noise, in the channel's unit.
     pub std: Vec<[f64; 5]>,
+    /// By stretch and [`Channel`]: mean square that the steps of a sensor leave structured, where its noise does not dither
+    /// them, in units of `std` squared; 0 for most.
+    pub steps: Vec<[f64; 5]>,
 }
 
 /// A point in the space of a fit.
@@ -62,13 +65,15 @@ impl Problem {
         let part = Problem {
             stretches: chosen.iter().map(|&i| self.stretches[i].clone()).collect(),
             std: chosen.iter().map(|&i| self.std[i]).collect(),
+            steps: chosen.iter().map(|&i| self.steps[i]).collect(),
         };
         (part, chosen)
     }
 
     /// The same stretches, those with a free lever no longer than `length_s` each.
     pub fn shortened(&self, length_s: f64) -> Problem {
-        Problem { stretches: self.stretches.iter().map(|s| s.shortened(length_s)).collect(), std: self.std.clone() }
+        let stretches = self.stretches.iter().map(|s| s.shortened(length_s)).collect();
+        Problem { stretches, std: self.std.clone(), steps: self.steps.clone() }
     }
 
     /// Number of targets.

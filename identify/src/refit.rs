@@ -109,8 +109,11 @@ fn starts(added: &[(&'static dyn Effect, Vec<&Direction>)]) -> Vec<Vec<f64>> {
     }
 }
 
-/// By how much the second residual is smaller, in standard errors of the difference by clusters: sums of squares are
-/// compared cluster by cluster, so that colour and outliers widen the error instead of feigning certainty.
+/// By how much the second residual is smaller: difference of the sums of squares, and its significance in standard errors.
+///
+/// Sums of squares are compared cluster by cluster, so that colour widens the error instead of feigning certainty. A misfit
+/// that sits in few clusters leaves the mean uncertain however often the rest agrees: Wilcoxon's signed ranks speak for the
+/// many, and the stronger of the two counts.
 pub fn advantage(before: &[Vec<f64>], after: &[Vec<f64>], clusters: &[Vec<usize>], count: usize) -> (f64, f64) {
     let mut sums = vec![0.0; count];
     for ((b, a), c) in before.iter().zip(after).zip(clusters) {
@@ -120,5 +123,40 @@ pub fn advantage(before: &[Vec<f64>], after: &[Vec<f64>], clusters: &[Vec<usize>
     }
     let total: f64 = sums.iter().sum();
     let error: f64 = sums.iter().map(|v| v * v).sum::<f64>().sqrt();
-    (total, if error > 0.0 { total / error } else { 0.0 })
+    let mean = if error > 0.0 { total / error } else { 0.0 };
+    sums.sort_by(|a, b| a.abs().total_cmp(&b.abs()));
+    let (mut signed, mut square) = (0.0, 0.0);
+    for (rank, v) in sums.iter().enumerate().filter(|(_, v)| **v != 0.0) {
+        let rank = rank as f64 + 1.0;
+        signed += rank * v.signum();
+        square += rank * rank;
+    }
+    let ranks = if square > 0.0 { signed / square.sqrt() } else { 0.0 };
+    (total, if total > 0.0 { mean.max(ranks) } else { mean.min(ranks) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn with(differences: &[f64]) -> (f64, f64) {
+        let before: Vec<Vec<f64>> = differences.iter().map(|d| vec![(100.0 + d).sqrt()]).collect();
+        let after: Vec<Vec<f64>> = differences.iter().map(|_| vec![10.0]).collect();
+        let clusters: Vec<Vec<usize>> = (0..differences.len()).map(|n| vec![n]).collect();
+        advantage(&before, &after, &clusters, differences.len())
+    }
+
+    #[test]
+    fn agreement_of_many_counts_also_where_one_cluster_dominates() {
+        let mut differences = vec![1.0; 30];
+        assert!(with(&differences).1 > 4.0);
+        differences[7] = 80.0;
+        assert!(with(&differences).1 > 4.0);
+        let mixed: Vec<f64> = (0..30).map(|i| if i % 2 == 0 { 1.0 } else { -0.9 }).collect();
+        assert!(with(&mixed).1.abs() < 2.0, "{:?}", with(&mixed));
+        // one cluster alone convinces nobody
+        let mut alone: Vec<f64> = (0..30).map(|i| if i % 2 == 0 { 0.1 } else { -0.1 }).collect();
+        alone[3] = 80.0;
+        assert!(with(&alone).1 < 2.0, "{:?}", with(&alone));
+    }
 }

@@ -109,7 +109,7 @@ impl Integrator {
         }
         // a Runge-Kutta step is stable up to 2.8 time constants and accurate to 1e-3 of a decay at 1
         let h = if rate > 0.0 { longest_s.min(1.0 / rate) } else { longest_s };
-        Integrator { longest_s: h.max(longest_s / 40.0) }
+        Integrator { longest_s: h.max(longest_s / 10.0) }
     }
 
     /// Length of the longest inner step, s.

@@ -32,6 +32,9 @@ pub fn analyse_folder(dir: &Path, out: Option<&Path>, depth: Depth, progress: &P
         }
         refused(&e)
     })?;
+    for failure in analysis.validation.iter().filter_map(|run| run.failure()) {
+        progress.say(&format!("warning: {failure}"));
+    }
     let written = leave(&analysis, &out)?;
     summary(&analysis).iter().for_each(|line| progress.result(line));
     progress.result("");

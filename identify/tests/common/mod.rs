@@ -87,6 +87,7 @@ pub fn problem(runs: &[Recording]) -> Problem {
                 Channel::Pressure1 | Channel::Pressure2 => PRESSURE_NOISE_BAR,
                 _ => 0.05,
             }));
+            problem.steps.push([0.0; 5]);
             problem.stretches.push(s);
         }
     }
