@@ -1,5 +1,7 @@
 //! Validation in free run, the model file, the findings and the whole analysis, on campaigns that the model itself made.
 
+#![allow(clippy::unwrap_used, reason = "a test may end where something is not as expected")]
+
 mod common;
 
 use std::path::Path;
