@@ -2,8 +2,6 @@
 
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
-use model::effects::Effect;
-
 use crate::diagnose::{Added, Diagnosis, Ranked, Verdict};
 use crate::validate::ValidatedRun;
 
@@ -42,7 +40,7 @@ pub struct Finding {
     pub probability: f64,
     /// Ids that explain the data as well.
     pub equivalent: Vec<String>,
-    /// In the order of the effect's header.
+    /// In the order of the effect's header; without those that the data do not ask for ([`is_held`]).
     pub parameters: Named<Value>,
 }
 
@@ -108,8 +106,10 @@ impl Findings {
     pub fn of(campaign: &str, diagnosis: &Diagnosis, validation: &[ValidatedRun]) -> Self {
         let effects = match diagnosis.verdict {
             Verdict::None | Verdict::Ambiguous => Vec::new(),
-            Verdict::Attributed => diagnosis.effects.iter().map(|a| finding(a.effect.header().id, a)).collect(),
-            Verdict::Unrecognised => diagnosis.effects.iter().map(|a| finding(UNRECOGNISED, a)).collect(),
+            Verdict::Attributed => {
+                diagnosis.effects.iter().map(|a| finding(a.effect.header().id, diagnosis, a)).collect()
+            }
+            Verdict::Unrecognised => diagnosis.effects.iter().map(|a| finding(UNRECOGNISED, diagnosis, a)).collect(),
         };
         let balances = diagnosis.balances.iter();
         let balances = balances
@@ -146,26 +146,34 @@ impl Findings {
     }
 }
 
-fn finding(id: &'static str, added: &Added) -> Finding {
+fn finding(id: &'static str, diagnosis: &Diagnosis, added: &Added) -> Finding {
     let header = added.effect.header();
     Finding {
         id,
         balance: header.balance.as_str(),
         probability: probability(added.probability),
         equivalent: added.equivalent.clone(),
-        parameters: Named(parameters(added.effect, &added.values, &added.std)),
+        parameters: Named(parameters(diagnosis, added)),
     }
 }
 
-fn parameters(effect: &dyn Effect, values: &[f64], std: &[f64]) -> Vec<(&'static str, Value)> {
-    let header = effect.header();
-    let known = header.parameters.iter().zip(values.iter().zip(std));
+fn parameters(diagnosis: &Diagnosis, added: &Added) -> Vec<(&'static str, Value)> {
+    let known = added.effect.header().parameters.iter().zip(added.values.iter().zip(&added.std)).enumerate();
     known
-        .map(|(p, (value, std))| {
+        .filter(|(i, _)| !is_held(diagnosis, added, *i))
+        .map(|(_, (p, (value, std)))| {
             let std = if std.is_finite() { *std } else { (p.upper - p.lower) / 12f64.sqrt() };
             (p.name, Value { value: *value, std, unit: p.unit })
         })
         .collect()
+}
+
+/// The data do not ask for this parameter of an effect that was added: the effect explains them without it, and it was held
+/// where it has none (a size) or no visible effect (a shape). It is no result.
+pub fn is_held(diagnosis: &Diagnosis, added: &Added, parameter: usize) -> bool {
+    let layout = &diagnosis.after.layout;
+    let n = layout.effects.iter().position(|e| e.header().id == added.effect.header().id);
+    n.is_some_and(|n| layout.held.contains(&(layout.first_of(n) + parameter)))
 }
 
 /// Candidates one by one: where sets of several were compared (`a+b`), an effect's probability is that of all sets it is in.

@@ -187,6 +187,19 @@ fn findings_have_the_contract_s_keys_in_its_order() {
 }
 
 #[test]
+fn what_the_data_do_not_ask_for_is_no_finding() {
+    let truth = Parameters::example();
+    let values = [0.3, 0.0];
+    let mut after = fit_at(&truth, &[("tilt", &values)]);
+    after.layout.held.insert(after.layout.first_of(0) + 1);
+    let mut d = diagnosis(Verdict::Attributed, &after);
+    d.effects = vec![added("tilt", &values, &[0.01, f64::INFINITY])];
+    let findings = Findings::of("c", &d, &[]);
+    let names: Vec<&str> = findings.effects[0].parameters.0.iter().map(|p| p.0).collect();
+    assert_eq!(names, [find("tilt").unwrap().header().parameters[0].name]);
+}
+
+#[test]
 fn each_verdict_lists_what_it_may() {
     let truth = Parameters::example();
     let fit = fit_at(&truth, &[]);

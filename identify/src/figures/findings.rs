@@ -4,7 +4,7 @@ use crate::diagnose::{Diagnosis, Verdict};
 use crate::figure::Table;
 use crate::figures::text::{chance, interval, measured, number};
 use crate::figures::{Subject, section};
-use crate::findings::ranking;
+use crate::findings::{is_held, ranking};
 
 pub(super) fn headline(subject: &Subject) -> Vec<String> {
     let mut out = vec![match subject.diagnosis {
@@ -88,7 +88,7 @@ fn effects(d: &Diagnosis) -> Table {
         let header = a.effect.header();
         for (i, p) in header.parameters.iter().enumerate() {
             let (Some(&value), Some(&std)) = (a.values.get(i), a.std.get(i)) else { continue };
-            let first = i == 0;
+            let (first, held) = (i == 0, is_held(d, a, i));
             let head = |text: String| if first { text } else { String::new() };
             rows.push(vec![
                 head(header.id.to_string()),
@@ -96,8 +96,8 @@ fn effects(d: &Diagnosis) -> Table {
                 head(format!("{:.2}", a.probability)),
                 p.name.to_string(),
                 measured(value, std),
-                number(std, 2),
-                interval(value, std),
+                if held { "not needed".into() } else { number(std, 2) },
+                if held { String::new() } else { interval(value, std) },
                 p.unit.to_string(),
             ]);
         }
