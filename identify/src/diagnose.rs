@@ -98,6 +98,10 @@ const CLEAR: f64 = 0.7;
 const EXPLAINED: f64 = 0.85;
 /// Standard errors (by clusters) by which one model must be better than another to be preferred.
 const PREFERRED: f64 = 3.0;
+/// After a first effect that explains nearly all, a second is looked for from this structured residual on (noise floors).
+const SECOND: f64 = 0.3;
+/// A rival explains at least this share of what the best candidate does.
+const RIVAL: f64 = 0.95;
 /// Most effects that are added one after the other.
 const MOST_EFFECTS: usize = 3;
 
@@ -207,7 +211,8 @@ pub fn diagnose(identified: &Identified, progress: &dyn Fn(&str)) -> Result<Diag
         let ids: Vec<&'static str> = current.layout.effects.iter().map(|e| e.header().id).collect();
         let largest = misfit::largest(&parts);
         tracing::info!(round_number, largest, "structured residual, noise floors");
-        if largest < MATERIAL {
+        // what is left of an effect whose form differs a little is not a second effect
+        if largest < MATERIAL || (!added.is_empty() && largest < SECOND && explained_share(&parts_before, &parts) > 0.95) {
             break;
         }
         let later;
@@ -219,7 +224,7 @@ pub fn diagnose(identified: &Identified, progress: &dyn Fn(&str)) -> Result<Diag
             &later
         };
         let p = round.p_value(|_| true);
-        if p > LEVEL {
+        if p > LEVEL && largest < CLEAR {
             tracing::info!(p, "no candidate is significant");
             break;
         }
@@ -245,7 +250,7 @@ pub fn diagnose(identified: &Identified, progress: &dyn Fn(&str)) -> Result<Diag
         if better < PREFERRED || removed < MATERIAL || !sound {
             break;
         }
-        let rivals = rivals(brief, &refits)?;
+        let rivals = rivals(brief, &refits, brief.cost(&current.layout, &current.point))?;
         if let Some(rival) = rivals.first() {
             next_experiment = Some(where_they_differ(brief, &best.fit, &rival.fit)?);
             tie = true;
@@ -382,14 +387,18 @@ fn is_sound(fit: &Fit, covariance: &nalgebra::DMatrix<f64>, n: usize) -> bool {
     block.cholesky().is_some_and(|c| value.dot(&c.solve(&value)) > 12.0 + 2.0 * sizes.len() as f64)
 }
 
-/// Candidates that the clusters don't tell from the best one.
-fn rivals(problem: &Problem, refits: &[Refit]) -> Result<Vec<Refit>, SimulationError> {
+/// Candidates that explain nearly as much as the best one and that the clusters don't tell from it. `before`: the cost
+/// without any of them.
+fn rivals(problem: &Problem, refits: &[Refit], before: f64) -> Result<Vec<Refit>, SimulationError> {
     let (clusters, count) = crate::score::clusters(problem);
     let best = problem.residuals(&refits[0].fit.layout, &refits[0].fit.point)?;
     let mut out = Vec::new();
     for r in &refits[1..] {
         // a set that contains the best one is a refinement, not a rival
         if r.added.iter().any(|id| refits[0].added.contains(id)) {
+            continue;
+        }
+        if before - r.fit.cost < RIVAL * (before - refits[0].fit.cost) {
             continue;
         }
         let other = problem.residuals(&r.fit.layout, &r.fit.point)?;

@@ -152,7 +152,7 @@ mod tests {
         assert!(with(&differences).1 > 4.0);
         differences[7] = 80.0;
         assert!(with(&differences).1 > 4.0);
-        let mixed: Vec<f64> = (0..30).map(|i| if i % 2 == 0 { 1.0 } else { -0.9 }).collect();
+        let mixed: Vec<f64> = (0..30).map(|i| if i % 2 == 0 { 1.0 } else { -1.0 }).collect();
         assert!(with(&mixed).1.abs() < 2.0, "{:?}", with(&mixed));
         // one cluster alone convinces nobody
         let mut alone: Vec<f64> = (0..30).map(|i| if i % 2 == 0 { 0.1 } else { -0.1 }).collect();
