@@ -25,7 +25,7 @@ use std::path::Path;
 const SPREAD: f64 = 0.10;
 
 /// Strength of a drawn effect, noise floors: it matters, and it is no wreck.
-const STRENGTH: std::ops::Range<f64> = 6.0..40.0;
+const STRENGTH: std::ops::Range<f64> = 4.0..25.0;
 
 /// A rig with one effect out of `library`. The same seed and library give the same rig.
 pub fn draw(seed: u64, library: &[&'static dyn Effect]) -> ModelFile {
@@ -73,8 +73,10 @@ fn sized(rng: &mut ChaCha8Rng, base: &Parameters, effect: &'static dyn Effect) -
                 best = (off, values.clone());
             }
             let factor = (wanted / shown.max(1e-9)).clamp(0.1, 10.0);
+            // a size that one could meet on a rig
             for (p, v) in header.parameters.iter().zip(&mut values).filter(|(p, _)| p.size) {
-                *v = (*v * factor).clamp(p.lower, p.upper);
+                let most = 5.0 * p.typical;
+                *v = (*v * factor).clamp(p.lower.max(-most), p.upper.min(most));
             }
         }
         if best.0 < 0.3 {

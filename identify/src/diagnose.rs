@@ -100,6 +100,8 @@ const EXPLAINED: f64 = 0.85;
 const PREFERRED: f64 = 3.0;
 /// After a first effect that explains nearly all, a second is looked for from this structured residual on (noise floors).
 const SECOND: f64 = 0.3;
+/// Above this cost a target no candidate has come near the data, and polishing them is in vain.
+const POOR: f64 = 20.0;
 /// A rival explains at least this share of what the best candidate does.
 const RIVAL: f64 = 0.95;
 /// Most effects that are added one after the other.
@@ -212,7 +214,9 @@ pub fn diagnose(identified: &Identified, progress: &dyn Fn(&str)) -> Result<Diag
         let largest = misfit::largest(&parts);
         tracing::info!(round_number, largest, "structured residual, noise floors");
         // what is left of an effect whose form differs a little is not a second effect
-        if largest < MATERIAL || (!added.is_empty() && largest < SECOND && explained_share(&parts_before, &parts) > 0.95) {
+        if largest < MATERIAL
+            || (!added.is_empty() && largest < SECOND && explained_share(&parts_before, &parts) > 0.95)
+        {
             break;
         }
         let later;
@@ -348,7 +352,12 @@ fn refit_all(
             .iter()
             .map(|e| (*e, round.of(e.header().id).into_iter().map(|i| &round.directions[i]).collect()))
             .collect();
-        let effort = Effort { iterations: 10, tolerance: 3e-4, hopeless_above: best * 1.5, patience: 2 };
+        let effort = Effort {
+            iterations: if bases.gross { 7 } else { 10 },
+            tolerance: 3e-4,
+            hopeless_above: best * 1.5,
+            patience: 2,
+        };
         if let Some(r) = refit(problem, bases, &added, effort) {
             let names: Vec<&str> = r.added.clone();
             progress(&format!("{} refitted: cost {:.0} from {:.0}", names.join(" + "), r.fit.cost, bases.current.cost));
@@ -357,6 +366,10 @@ fn refit_all(
     }
     // those that come near the best are brought to their minimum before they are compared
     let best = out.iter().map(|r| r.fit.cost).fold(f64::INFINITY, f64::min);
+    if best > POOR * problem.targets() as f64 {
+        out.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
+        return out;
+    }
     let near = best + 0.3 * (problem.cost(&bases.current.layout, &bases.current.point) - best).max(0.0);
     for r in out.iter_mut().filter(|r| r.fit.cost <= near) {
         let effort = Effort { iterations: 10, tolerance: 1e-6, ..Effort::default() };

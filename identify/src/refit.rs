@@ -58,7 +58,7 @@ pub fn refit(
         best.map(|(_, point)| point)
     };
     // a few steps tell which start leads down
-    let few = Effort { iterations: 3, ..effort };
+    let few = Effort { iterations: 2, ..effort };
     let mut tried: Vec<Fit> = Vec::new();
     if let Some(point) = best_of(problem, false) {
         tried.extend(fit(problem, &layout, point, few).ok());
@@ -139,24 +139,25 @@ pub fn advantage(before: &[Vec<f64>], after: &[Vec<f64>], clusters: &[Vec<usize>
 mod tests {
     use super::*;
 
-    fn with(differences: &[f64]) -> (f64, f64) {
-        let before: Vec<Vec<f64>> = differences.iter().map(|d| vec![(100.0 + d).sqrt()]).collect();
-        let after: Vec<Vec<f64>> = differences.iter().map(|_| vec![10.0]).collect();
-        let clusters: Vec<Vec<usize>> = (0..differences.len()).map(|n| vec![n]).collect();
-        advantage(&before, &after, &clusters, differences.len())
+    /// Residuals (before, after) of one cluster each.
+    fn with(pairs: &[(f64, f64)]) -> f64 {
+        let before: Vec<Vec<f64>> = pairs.iter().map(|p| vec![p.0]).collect();
+        let after: Vec<Vec<f64>> = pairs.iter().map(|p| vec![p.1]).collect();
+        let clusters: Vec<Vec<usize>> = (0..pairs.len()).map(|n| vec![n]).collect();
+        advantage(&before, &after, &clusters, pairs.len()).1
     }
 
     #[test]
     fn agreement_of_many_counts_also_where_one_cluster_dominates() {
-        let mut differences = vec![1.0; 30];
-        assert!(with(&differences).1 > 4.0);
-        differences[7] = 80.0;
-        assert!(with(&differences).1 > 4.0);
-        let mixed: Vec<f64> = (0..30).map(|i| if i % 2 == 0 { 1.0 } else { -1.0 }).collect();
-        assert!(with(&mixed).1.abs() < 2.0, "{:?}", with(&mixed));
+        let (better, worse) = ((5.0, 4.0), (4.0, 5.0));
+        let mut clusters = vec![better; 30];
+        assert!(with(&clusters) > 4.0);
+        clusters[7] = (80.0, 4.0);
+        assert!(with(&clusters) > 4.0);
+        let mut mixed: Vec<(f64, f64)> = (0..30).map(|i| if i % 2 == 0 { better } else { worse }).collect();
+        assert!(with(&mixed).abs() < 2.0, "{}", with(&mixed));
         // one cluster alone convinces nobody
-        let mut alone: Vec<f64> = (0..30).map(|i| if i % 2 == 0 { 0.1 } else { -0.1 }).collect();
-        alone[3] = 80.0;
-        assert!(with(&alone).1 < 2.0, "{:?}", with(&alone));
+        mixed[3] = (80.0, 4.0);
+        assert!(with(&mixed) < 2.0, "{}", with(&mixed));
     }
 }
