@@ -90,18 +90,19 @@ fn colour_at_rest(problem: &Problem, residuals: &[Vec<f64>]) -> [f64; 5] {
     })
 }
 
-/// The parts that decide: those of the runs with a free lever, or all where there are none.
-pub fn deciding(parts: &[Part]) -> Vec<&Part> {
-    let free: Vec<&Part> = parts.iter().filter(|p| p.free).collect();
-    if free.is_empty() { parts.iter().collect() } else { free }
+/// How much of a misfit counts: all where the lever is free; where angle or pressures are inputs a fifth (RMS), for there
+/// the inputs' own errors show as misfit too.
+fn weight(part: &Part) -> f64 {
+    if part.free { 1.0 } else { 0.04 }
 }
 
-/// Largest structured residual of the deciding parts that is more than noise, in units of the noise of one sample (RMS).
+/// Largest structured residual that is more than noise, in units of the noise of one sample (RMS), weighted.
 pub fn largest(parts: &[Part]) -> f64 {
-    deciding(parts).iter().filter(|p| p.significance > 5.0).map(|p| p.structured.max(0.0).sqrt()).fold(0.0, f64::max)
+    let rms = |p: &Part| (weight(p) * p.structured.max(0.0)).sqrt();
+    parts.iter().filter(|p| p.significance > 5.0).map(rms).fold(0.0, f64::max)
 }
 
-/// Sum of the structured mean squares of the deciding parts.
+/// Sum of the structured mean squares, weighted.
 pub fn total(parts: &[Part]) -> f64 {
-    deciding(parts).iter().map(|p| p.structured.max(0.0)).sum()
+    parts.iter().map(|p| weight(p) * p.structured.max(0.0)).sum()
 }

@@ -98,7 +98,7 @@ mod tests {
     #[test]
     fn sees_what_is_there_and_respects_the_sign() {
         let there = vec![1.0; 60];
-        assert!(p_of_largest(&[there.clone()], &[false], 1) < 0.002);
+        assert!(p_of_largest(std::slice::from_ref(&there), &[false], 1) < 0.002);
         let mut heavy = there.clone();
         heavy[5] = 50.0;
         assert!(p_of_largest(&[heavy], &[false], 1) < 0.002, "the many agree");
