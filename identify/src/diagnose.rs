@@ -145,10 +145,10 @@ impl<'a> Round<'a> {
     /// p-value of the largest statistic among the directions of these effects.
     fn p_value(&self, keep: impl Fn(&Direction) -> bool) -> f64 {
         let chosen: Vec<&Direction> = self.directions.iter().filter(|d| keep(d)).collect();
-        let sums: Vec<Vec<f64>> = chosen.iter().map(|d| self.scene.cluster_sums(d)).collect();
+        let evidence: Vec<_> = chosen.iter().map(|d| self.scene.by_cluster(d)).collect();
         let one_sided: Vec<bool> =
             chosen.iter().map(|d| d.effect.header().parameters.iter().all(|p| !p.size || p.lower >= 0.0)).collect();
-        p_of_largest(&sums, &one_sided, 20)
+        p_of_largest(&evidence, &one_sided, 20)
     }
 
     /// Sets of one effect, and the best of two where two together explain far more than either, the best first.
@@ -170,6 +170,20 @@ impl<'a> Round<'a> {
             .filter(|(i, (g, _))| *i < 3 || *g > 0.1 * top)
             .map(|(_, (_, n))| vec![candidates[*n]])
             .collect();
+        // a gross misfit in a few clusters misleads the gain: the two that most clusters agree on are tried as well
+        let mut agreed: Vec<(f64, usize)> = (0..candidates.len())
+            .map(|n| {
+                let own = self.of(candidates[n].header().id);
+                let most = own.iter().map(|&i| self.scene.by_cluster(&self.directions[i]).agreement());
+                (most.fold(0.0, f64::max), n)
+            })
+            .collect();
+        agreed.sort_by(|a, b| b.0.total_cmp(&a.0));
+        for (_, n) in agreed.into_iter().take(2) {
+            if !out.iter().any(|set| set[0].header().id == candidates[n].header().id) {
+                out.push(vec![candidates[n]]);
+            }
+        }
         let mut pair: Option<(f64, usize, usize)> = None;
         for i in 0..candidates.len() {
             for j in 0..i {
@@ -242,7 +256,7 @@ pub fn diagnose(identified: &Identified, progress: &dyn Fn(&str)) -> Result<Diag
             ranking = ranked.clone();
         }
         let whole = Effort { iterations: 12, tolerance: 1e-6, ..Effort::default() };
-        let Ok(fit) = crate::fit::fit(problem, &best.fit.layout, best.fit.point.clone(), whole) else { break };
+        let Some(fit) = on_the_whole(problem, &current, &best.fit, whole) else { break };
         let after = problem.residuals(&fit.layout, &fit.point)?;
         let (_, better) = advantage(&residual, &after, &clusters, count);
         let remaining = misfit::parts(problem, &after, &clusters);
@@ -379,6 +393,19 @@ fn refit_all(
     }
     out.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
     out
+}
+
+/// Brings a fit of the brief runs to the whole ones. More must not come out as worse: where the brief fit's point does, the
+/// current model's base with the effect's values leads instead.
+fn on_the_whole(problem: &Problem, current: &Fit, brief: &Fit, effort: Effort) -> Option<Fit> {
+    let led = crate::fit::fit(problem, &brief.layout, brief.point.clone(), effort).ok();
+    if led.as_ref().is_some_and(|f| f.cost < current.cost) {
+        return led;
+    }
+    let mut point = current.point.clone();
+    point.theta.extend_from_slice(&brief.point.theta[current.point.theta.len()..]);
+    let warm = crate::fit::fit(problem, &brief.layout, point, effort).ok();
+    led.into_iter().chain(warm).min_by(|a, b| a.cost.total_cmp(&b.cost))
 }
 
 /// The effect's sizes together are known to be other than zero, and none is pressed against a physical bound.

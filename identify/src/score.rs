@@ -133,15 +133,41 @@ impl<'a> Scene<'a> {
             .collect()
     }
 
-    /// Sums of secant times residual by cluster.
-    pub fn cluster_sums(&self, d: &Direction) -> Vec<f64> {
-        let mut sums = vec![0.0; self.cluster_count];
+    /// Secant times residual by cluster: the sums, and their cosines. A cosine is bounded, so that a cluster with a large
+    /// misfit has no more than one voice.
+    pub fn by_cluster(&self, d: &Direction) -> Evidence {
+        let n = self.cluster_count;
+        let (mut sums, mut secant, mut residual) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
         for ((s, r), c) in d.secant.iter().zip(&self.residual).zip(&self.clusters) {
             for ((s, r), c) in s.iter().zip(r).zip(c) {
                 sums[*c] += s * r;
+                secant[*c] += s * s;
+                residual[*c] += r * r;
             }
         }
-        sums
+        let cosines = (0..n)
+            .map(|c| {
+                let norm: f64 = (secant[c] * residual[c]).sqrt();
+                if norm > 0.0 { sums[c] / norm } else { 0.0 }
+            })
+            .collect();
+        Evidence { sums, cosines }
+    }
+}
+
+/// What each cluster says of a direction.
+pub struct Evidence {
+    /// Secant times residual.
+    pub sums: Vec<f64>,
+    /// The same over both norms, between -1 and 1.
+    pub cosines: Vec<f64>,
+}
+
+impl Evidence {
+    /// Total of the cosines in standard errors.
+    pub fn agreement(&self) -> f64 {
+        let norm = self.cosines.iter().map(|v| v * v).sum::<f64>().sqrt();
+        if norm > 0.0 { self.cosines.iter().sum::<f64>() / norm } else { 0.0 }
     }
 }
 

@@ -4,41 +4,33 @@
 //! the signs of whole clusters keeps that colour and the dependence between candidates, so the maximum over all candidates
 //! has its own null distribution and the selection pays for itself.
 
+use crate::score::Evidence;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 /// Draws of the null distribution.
 const DRAWS: usize = 1999;
 
-/// A candidate's cluster sums, scaled so that a total is a t statistic; and their signed ranks, likewise. A misfit that sits
-/// in few clusters leaves the mean uncertain; the ranks then still speak for the many.
+/// A candidate's cluster sums and cosines, each scaled so that a total is a t statistic. A misfit that sits in few clusters
+/// leaves the mean of the sums uncertain; the cosines then still speak for the many.
 struct Candidate {
     sums: Vec<f64>,
-    ranks: Vec<f64>,
+    cosines: Vec<f64>,
     one_sided: bool,
 }
 
 impl Candidate {
-    fn new(sums: &[f64], one_sided: bool) -> Option<Self> {
-        let scaled = |v: Vec<f64>| {
+    fn new(evidence: &Evidence, one_sided: bool) -> Option<Self> {
+        let scaled = |v: &[f64]| {
             let norm = v.iter().map(|x| x * x).sum::<f64>().sqrt();
-            v.into_iter().map(|x| x / norm).collect()
+            (norm > 0.0).then(|| v.iter().map(|x| x / norm).collect::<Vec<f64>>())
         };
-        if sums.iter().all(|v| *v == 0.0) {
-            return None;
-        }
-        let mut order: Vec<usize> = (0..sums.len()).collect();
-        order.sort_by(|a, b| sums[*a].abs().total_cmp(&sums[*b].abs()));
-        let mut ranks = vec![0.0; sums.len()];
-        for (rank, &i) in order.iter().enumerate().filter(|(_, i)| sums[**i] != 0.0) {
-            ranks[i] = (rank as f64 + 1.0) * sums[i].signum();
-        }
-        Some(Candidate { sums: scaled(sums.to_vec()), ranks: scaled(ranks), one_sided })
+        Some(Candidate { sums: scaled(&evidence.sums)?, cosines: scaled(&evidence.cosines)?, one_sided })
     }
 
     /// The larger of the two squared statistics under these signs.
     fn statistic(&self, signs: &[f64]) -> f64 {
-        [&self.sums, &self.ranks]
+        [&self.sums, &self.cosines]
             .into_iter()
             .map(|v| v.iter().zip(signs).map(|(a, b)| a * b).sum::<f64>())
             .filter(|t| *t > 0.0 || !self.one_sided)
@@ -47,10 +39,11 @@ impl Candidate {
     }
 }
 
-/// p-value of the largest statistic of several candidates, given each one's sums by cluster. `one_sided[i]`: only a positive
-/// total counts.
-pub fn p_of_largest(sums: &[Vec<f64>], one_sided: &[bool], seed: u64) -> f64 {
-    let candidates: Vec<Candidate> = sums.iter().zip(one_sided).filter_map(|(s, o)| Candidate::new(s, *o)).collect();
+/// p-value of the largest statistic of several candidates, given what each cluster says of each. `one_sided[i]`: only a
+/// positive total counts.
+pub fn p_of_largest(evidence: &[Evidence], one_sided: &[bool], seed: u64) -> f64 {
+    let candidates: Vec<Candidate> =
+        evidence.iter().zip(one_sided).filter_map(|(e, o)| Candidate::new(e, *o)).collect();
     let Some(first) = candidates.first() else { return 1.0 };
     let mut signs = vec![1.0; first.sums.len()];
     let largest = |signs: &[f64]| candidates.iter().map(|c| c.statistic(signs)).fold(0.0, f64::max);
@@ -73,22 +66,30 @@ mod tests {
     use super::*;
     use rand_distr::{Distribution, StandardNormal};
 
+    /// Evidence of clusters with these sums, all norms of the residual and the secant being `norm`.
+    fn evidence(sums: Vec<f64>, norm: impl Fn(usize) -> f64) -> Evidence {
+        let cosines = sums.iter().enumerate().map(|(c, v)| v / norm(c)).collect();
+        Evidence { sums, cosines }
+    }
+
     #[test]
     fn keeps_its_level_over_twenty_candidates_with_heavy_clusters() {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let mut rejected = 0;
         for trial in 0..300 {
-            let sums: Vec<Vec<f64>> = (0..20)
+            let size = |c: usize| if c.is_multiple_of(10) { 6.0 } else { 1.0 };
+            let candidates: Vec<Evidence> = (0..20)
                 .map(|_| {
-                    (0..80)
+                    let sums = (0..80)
                         .map(|c| {
                             let z: f64 = StandardNormal.sample(&mut rng);
-                            z * if c % 10 == 0 { 6.0 } else { 1.0 }
+                            z * size(c)
                         })
-                        .collect()
+                        .collect();
+                    evidence(sums, |c| 5.0 * size(c))
                 })
                 .collect();
-            if p_of_largest(&sums, &[false; 20], trial) <= 0.05 {
+            if p_of_largest(&candidates, &[false; 20], trial) <= 0.05 {
                 rejected += 1;
             }
         }
@@ -97,11 +98,13 @@ mod tests {
 
     #[test]
     fn sees_what_is_there_and_respects_the_sign() {
-        let there = vec![1.0; 60];
-        assert!(p_of_largest(std::slice::from_ref(&there), &[false], 1) < 0.002);
-        let mut heavy = there.clone();
+        let there = || vec![1.0; 60];
+        assert!(p_of_largest(&[evidence(there(), |_| 2.0)], &[false], 1) < 0.002);
+        let mut heavy = there();
         heavy[5] = 50.0;
-        assert!(p_of_largest(&[heavy], &[false], 1) < 0.002, "the many agree");
-        assert!(p_of_largest(&[there.iter().map(|v| -v).collect()], &[true], 1) > 0.3);
+        let of = |c: usize| if c == 5 { 100.0 } else { 2.0 };
+        assert!(p_of_largest(&[evidence(heavy, of)], &[false], 1) < 0.002, "the many agree");
+        let against = there().iter().map(|v| -v).collect();
+        assert!(p_of_largest(&[evidence(against, |_| 2.0)], &[true], 1) > 0.3);
     }
 }
