@@ -28,7 +28,7 @@ pub struct Part {
 /// What is no misfit of the plant is taken off: the colour of the sensors' noise as it shows during the initial rests, and
 /// what the steps of an encoder leave that no noise dithers.
 pub fn parts(problem: &Problem, residuals: &[Vec<f64>], clusters: &[Vec<usize>]) -> Vec<Part> {
-    let colour = colour_at_rest(problem, residuals);
+    let colour = colour_at_rest(problem);
     let mut out: Vec<Part> = Vec::new();
     let runs: std::collections::BTreeSet<usize> = problem.stretches.iter().map(|s| s.run).collect();
     for run in runs {
@@ -68,26 +68,43 @@ pub fn parts(problem: &Problem, residuals: &[Vec<f64>], clusters: &[Vec<usize>])
 }
 
 /// Mean product of neighbouring blocks before the first motion, by channel, where it is more than chance: the colour of
-/// the noise itself.
-fn colour_at_rest(problem: &Problem, residuals: &[Vec<f64>]) -> [f64; 5] {
+/// the noise itself. Taken from the measured values about their own straight line, not from the residual: a model that
+/// is wrong at rest must not pass for noise.
+fn colour_at_rest(problem: &Problem) -> [f64; 5] {
     let mut sums = [0.0; 5];
     let mut pairs = [0usize; 5];
-    for (s, r) in problem.stretches.iter().zip(residuals).filter(|(s, _)| s.stand == Stand::Free) {
+    for (n, s) in problem.stretches.iter().enumerate().filter(|(_, s)| s.stand == Stand::Free) {
         let moved = s.voltage_v.iter().position(|u| *u != 0.0).unwrap_or(s.rows());
-        let mut last = [f64::NAN; 5];
-        for (t, r) in s.targets.iter().zip(r).filter(|(t, _)| t.middle < moved) {
-            let c = t.channel as usize;
-            if last[c].is_finite() {
-                sums[c] += last[c] * r;
-                pairs[c] += 1;
+        for channel in Channel::ALL {
+            let rest: Vec<f64> = (0..s.targets.len())
+                .filter(|&t| s.targets[t].channel == channel && s.targets[t].middle < moved)
+                .map(|t| s.targets[t].measured / problem.target_std(n, t))
+                .collect();
+            if rest.len() < 20 {
+                continue;
             }
-            last[c] = *r;
+            let level = about_line(&rest);
+            sums[channel as usize] += level.windows(2).map(|w| w[0] * w[1]).sum::<f64>();
+            pairs[channel as usize] += rest.len() - 1;
         }
     }
     std::array::from_fn(|c| {
         let n = pairs[c] as f64;
-        if n > 20.0 && sums[c] > 3.0 * n.sqrt() { sums[c] / n } else { 0.0 }
+        if n > 0.0 && sums[c] > 3.0 * n.sqrt() { sums[c] / n } else { 0.0 }
     })
+}
+
+/// Values less their least-squares line over the index.
+fn about_line(values: &[f64]) -> Vec<f64> {
+    let n = values.len() as f64;
+    let middle = (n - 1.0) / 2.0;
+    let mean = values.iter().sum::<f64>() / n;
+    let (mut tt, mut tv) = (0.0, 0.0);
+    for (i, v) in values.iter().enumerate() {
+        tt += (i as f64 - middle).powi(2);
+        tv += (i as f64 - middle) * (v - mean);
+    }
+    values.iter().enumerate().map(|(i, v)| v - mean - tv / tt * (i as f64 - middle)).collect()
 }
 
 /// How much of a misfit counts: all where the lever is free; where angle or pressures are inputs a fifth (RMS), for there
@@ -105,4 +122,17 @@ pub fn largest(parts: &[Part]) -> f64 {
 /// Sum of the structured mean squares, weighted.
 pub fn total(parts: &[Part]) -> f64 {
     parts.iter().map(|p| weight(p) * p.structured.max(0.0)).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_leaves_nothing_and_the_rest_keeps_its_size() {
+        assert!(about_line(&[1.0, 3.0, 5.0, 7.0]).iter().all(|v| v.abs() < 1e-12));
+        let wave: Vec<f64> = (0..100).map(|i| if i % 2 == 0 { 1.0 } else { -1.0 }).collect();
+        let left: f64 = about_line(&wave).iter().map(|v| v * v).sum();
+        assert!((left - 100.0).abs() < 1.0, "{left}");
+    }
 }

@@ -14,15 +14,15 @@ impl Law for CrossLeakage {
         ports: &[PortKind::Hydraulic],
         summary: "oil leaks between the chambers through an orifice in the valve block",
         equation: "q = k*dp/(dp^2 + d^2)^(1/4) from chamber 1 to chamber 2, also with the brake closed; none where the chambers are shut off one by one",
-        validity: "turbulent orifice; laminar within the transition pressure d",
+        validity: "turbulent orifice; laminar within the transition pressure d, all laminar where d is beyond the range",
         measure: "close the brake under load and watch the pressure difference decay",
         literature: "Merritt, Hydraulic Control Systems, 1967, ch. 3 (orifice flow)",
         parameters: &[
             Parameter { name: "k", unit: "ml/(s sqrt(bar))", lower: 0.0, upper: 20.0, typical: 0.1, size: true },
-            Parameter { name: "d", unit: "bar", lower: 1e-3, upper: 1.0, typical: 0.02, size: false },
+            Parameter { name: "d", unit: "bar", lower: 1e-3, upper: 20.0, typical: 0.02, size: false },
         ],
         states: 0,
-        starts: &[&[0.03, 0.02], &[0.5, 0.02], &[3.0, 0.1]],
+        starts: &[&[0.03, 0.02], &[0.5, 0.02], &[3.0, 0.1], &[0.3, 5.0]],
         passive: true,
     };
 
