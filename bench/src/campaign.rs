@@ -9,13 +9,12 @@ use recordings::{
     CAMPAIGN_FILE, Campaign, CampaignError, Event, RigFacts, RunEntry, RunMetadata, Severity, UnknownWord,
 };
 use rt_core::{
-    Controller, Device, Ended, Limits, Lockstep, LoopError, LossCertificate, PERIOD_NS, Pace, Publication, RunReport,
-    Stages, Supervisor,
+    Controller, Device, Ended, FlightLog, FlightRecorder, Limits, Lockstep, LoopError, LossCertificate, OverrunPolicy,
+    PERIOD_NS, Pace, Publication, Run, RunReport, Stages, Supervisor, Switches,
 };
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
-use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 /// Longest wait for the logger to appear, and for the samples of a run to reach it after its end.
@@ -57,6 +56,8 @@ pub struct Session {
     logger: Logger,
     publication: Publication,
     next_run: u32,
+    flight: FlightRecorder,
+    _incidents: FlightLog,
 }
 
 impl Session {
@@ -72,7 +73,8 @@ impl Session {
         let logger = Logger::start(&instance).map_err(|e| failure_of(&e))?;
         publication.wait_for_loggers(1, PATIENCE).map_err(link)?;
         let campaign = Campaign { dir, name, rig, runs: Vec::new() };
-        Ok(Session { campaign, seed, notes, supervisor, logger, publication, next_run: 0 })
+        let (flight, _incidents) = rt_core::flight::recorder();
+        Ok(Session { campaign, seed, notes, supervisor, logger, publication, next_run: 0, flight, _incidents })
     }
 
     /// Runs one script to its end and adds its recording to the campaign. `text` is the script's own text, kept in the
@@ -80,14 +82,14 @@ impl Session {
     ///
     /// # Errors
     /// The script does not fit the rig (2), the device failed (4), the supervisor tripped (5), samples were lost or could
-    /// not be written (6), `stop` was set (130). Whatever was recorded stays in the folder.
+    /// not be written (6), a stop was asked for (130). Whatever was recorded stays in the folder.
     pub fn run(
         &mut self,
         script: &Script,
         text: &str,
         device: &mut dyn Device,
         controller: &mut dyn Controller,
-        stop: &AtomicBool,
+        mut switches: &Switches,
         progress: &Progress,
     ) -> Result<Recorded, Failure> {
         let context = profiles::Context { u_max_v: self.campaign.rig.u_max_v, seed: self.seed };
@@ -104,12 +106,14 @@ impl Session {
         let stages = Stages {
             clock: &mut Lockstep::default(),
             device,
+            operator: &mut switches,
             supervisor: &mut self.supervisor,
             reference: &mut playback,
             controller,
             publish: &mut self.publication,
+            flight: &mut self.flight,
         };
-        let outcome = rt_core::run(stages, run, stop);
+        let outcome = rt_core::run(stages, Run { number: run, overrun: OverrunPolicy::Skip });
         let settled = self.publication.settle(PATIENCE);
         let (ticks, events) = aftermath(&outcome);
         let recorded = self.logger.end(run, ticks, events).map_err(|e| failure_of(&e))?;
@@ -193,7 +197,7 @@ fn aftermath(outcome: &Result<RunReport, LoopError>) -> (Option<u64>, Vec<Event>
             let last = ticks.saturating_sub(1);
             let events = match report.ended {
                 Ended::Completed => vec![],
-                Ended::Tripped => vec![event(last, Severity::Error, report.to_string())],
+                Ended::Tripped | Ended::Aborted => vec![event(last, Severity::Error, report.to_string())],
                 Ended::Stopped => vec![event(last, Severity::Warning, report.to_string())],
             };
             (Some(ticks), events)
@@ -207,6 +211,7 @@ fn judge(name: &str, report: &RunReport) -> Result<(), Failure> {
     match report.ended {
         Ended::Completed => Ok(()),
         Ended::Tripped => Err(Failure::new(Kind::Safety, format!("{name}: {report}"))),
+        Ended::Aborted => Err(Failure::new(Kind::Loss, format!("{name}: {report}"))),
         Ended::Stopped => Err(Failure::new(Kind::Interrupted, format!("{name}: interrupted; the outputs are zeroed"))),
     }
 }

@@ -35,7 +35,7 @@ impl Controller for PumpController {
         match (step.target, &self.pump) {
             (Target::VoltageV(voltage_v), _) => voltage_v,
             (Target::FlowMlS(flow_ml_s), Some(pump)) => voltage_for_flow(pump, flow_ml_s, self.dp_bar),
-            (Target::FlowMlS(_), None) => f64::NAN,
+            _ => f64::NAN,
         }
     }
 }
@@ -70,7 +70,7 @@ mod tests {
     use rt_core::Fixture;
 
     fn step(target: Target) -> Step {
-        Step { target, brake_open: true, bypass_open: false, fixture: Fixture::Free, segment: 0, last: false }
+        Step { target, brake_open: true, bypass_open: false, fixture: Fixture::Free, segment: 0, index: 0, last: false }
     }
 
     fn measured(pressure1_bar: f64, pressure2_bar: f64) -> Measurement {

@@ -119,12 +119,12 @@ pub fn record(dir: &Path, truth: &ModelFile, seed: u64, progress: &Progress) -> 
         seed,
         notes: [("device".to_owned(), "emulated rig".to_owned())].into(),
     })?;
-    let (stop, _driving) = interrupt::driving()?;
+    let (switches, _driving) = interrupt::driving()?;
     let mut controller = PumpController::open_loop();
     for (index, (file, text)) in BUILTIN.iter().enumerate() {
         let script = Script::parse(text, file).map_err(|e| Failure::of(Kind::Internal, &e))?;
         let mut rig = rig_for(truth, &script, seed, index)?;
-        let recorded = session.run(&script, text, &mut rig, &mut controller, stop, progress)?;
+        let recorded = session.run(&script, text, &mut rig, &mut controller, switches, progress)?;
         if recorded.entry.protocol == Protocol::PumpMap {
             // Flows are asked for later: as on a real rig, the pump has to be measured for that.
             controller = PumpController::with_pump(measured_pump(session.campaign(), &recorded.entry)?);

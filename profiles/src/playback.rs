@@ -172,7 +172,13 @@ impl Reference for Playback {
                 index + 1 == self.instructions.len() && self.instructions[index].any.is_empty() && elapsed + 1 >= ticks;
         }
         let State { target, brake_open, bypass_open, fixture } = self.state;
-        Step { target, brake_open, bypass_open, fixture, segment: self.segment.unwrap_or(0), last }
+        let index = match self.position {
+            Position::Before => 0,
+            Position::At { index, .. } => index,
+            Position::Finished => self.instructions.len().saturating_sub(1),
+        };
+        let segment = self.segment.unwrap_or(0);
+        Step { target, brake_open, bypass_open, fixture, segment, index: index as u32, last }
     }
 }
 

@@ -75,16 +75,17 @@ impl McapWriter {
         })
     }
 
-    /// Appends a sample. A tick that is left out is noted as a gap.
+    /// Appends a sample. A sample whose number is left out is noted as a gap; ticks that the loop passed over are
+    /// none.
     ///
     /// # Errors
     /// The sample is of another version or run than the first, does not follow the one before in tick and time, or
     /// carries what a reader would refuse: no finite voltage or an infinite value. The system's refusal.
     pub fn write(&mut self, sample: &Sample) -> Result<(), CampaignError> {
         self.check(sample)?;
-        let expected = self.last.map_or(0, |last| last.tick + 1);
-        if sample.tick > expected {
-            self.gaps.push((expected, sample.tick - 1));
+        let expected = self.last.map_or(0, |last| last.sequence() + 1);
+        if sample.sequence() > expected {
+            self.gaps.push((expected, sample.sequence() - 1));
         }
         let mut message = std::mem::take(&mut self.message);
         wire::encode_sample(sample, &mut message);
@@ -101,9 +102,9 @@ impl McapWriter {
         self.append(self.event_channel, event.tick, event.scheduled_ns, &wire::encode_event(event))
     }
 
-    /// What this recording can certify of a run that has `expected` samples (ticks 0 to `expected` - 1).
+    /// What this recording can certify of a run that has `expected` samples (numbers 0 to `expected` - 1).
     pub fn certificate(&self, expected: u64) -> LossCertificate {
-        let (run, seen) = self.last.map_or((0, 0), |last| (last.run, last.tick + 1));
+        let (run, seen) = self.last.map_or((0, 0), |last| (last.run, last.sequence() + 1));
         let mut gaps = self.gaps.clone();
         if expected > seen {
             gaps.push((seen, expected - 1));
@@ -120,7 +121,7 @@ impl McapWriter {
     pub fn finish(mut self, certificate: &LossCertificate) -> Result<PathBuf, CampaignError> {
         let own = self.certificate(certificate.expected);
         let same_run = self.last.is_none() || own.run == certificate.run;
-        let seen = self.last.map_or(0, |last| last.tick + 1);
+        let seen = self.last.map_or(0, |last| last.sequence() + 1);
         if !same_run
             || certificate.expected < seen
             || own.received != certificate.received

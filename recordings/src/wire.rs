@@ -33,7 +33,17 @@ pub(crate) const FORMAT: &str = "1";
 const NOTE: &str = "note.";
 
 /// The flag bits that have a field of their own in the message.
-const FLAG_FIELDS: u32 = flags::BRAKE_OPEN | flags::BYPASS_OPEN | flags::TRIPPED | flags::LAST | flags::FAULT;
+const FLAG_FIELDS: u32 = flags::BRAKE_OPEN
+    | flags::BYPASS_OPEN
+    | flags::TRIPPED
+    | flags::LAST
+    | flags::FAULT
+    | flags::OVERRUN
+    | flags::STOPPED
+    | flags::SLEW_LIMITED;
+
+/// Layouts of the sample that are read. The first knew no skipped ticks, and one age for all values.
+const READ_VERSIONS: std::ops::RangeInclusive<u32> = 1..=SAMPLE_VERSION;
 
 /// Replaces `bytes` by the message of this sample.
 pub(crate) fn encode_sample(sample: &Sample, bytes: &mut Vec<u8>) {
@@ -43,7 +53,7 @@ pub(crate) fn encode_sample(sample: &Sample, bytes: &mut Vec<u8>) {
         tick: sample.tick,
         scheduled_ns: sample.scheduled_ns,
         lateness_ns: sample.lateness_ns,
-        input_age_ns: sample.input_age_ns,
+        input_age_ns: 0,
         segment: sample.segment,
         voltage_v: Some(sample.voltage_v),
         angle_deg: Some(plain(sample.angle_deg)),
@@ -57,6 +67,23 @@ pub(crate) fn encode_sample(sample: &Sample, bytes: &mut Vec<u8>) {
         last: sample.last(),
         fault: sample.fault(),
         other_flags: sample.flags & !FLAG_FIELDS,
+        woken_ns: sample.woken_ns,
+        skipped: sample.skipped,
+        age_ns: sample.age_ns.to_vec(),
+        heartbeat_age_ns: sample.heartbeat_age_ns,
+        behind_ns: sample.behind_ns,
+        read_ns: sample.read_ns,
+        check_ns: sample.check_ns,
+        reference_ns: sample.reference_ns,
+        control_ns: sample.control_ns,
+        write_ns: sample.write_ns,
+        publish_ns: sample.publish_ns,
+        step: sample.step,
+        quality: sample.quality,
+        trip: sample.trip,
+        overrun: sample.overrun(),
+        stopped: sample.flags & flags::STOPPED != 0,
+        slew_limited: sample.flags & flags::SLEW_LIMITED != 0,
     };
     bytes.clear();
     message.encode(bytes).expect("a Vec grows as far as a message needs");
@@ -70,17 +97,34 @@ fn plain(value: f64) -> f64 {
 /// The sample of a message, or what is wrong with it.
 pub(crate) fn decode_sample(bytes: &[u8]) -> Result<Sample, String> {
     let message = proto::RigSample::decode(bytes).map_err(|error| error.to_string())?;
-    if message.version != SAMPLE_VERSION {
+    if !READ_VERSIONS.contains(&message.version) {
         return Err(format!("a sample of version {}", message.version));
     }
+    let age_ns = match (message.version, message.age_ns.as_slice()) {
+        (1, _) => [u32::try_from(message.input_age_ns).unwrap_or(u32::MAX); 5],
+        (_, ages) => ages.try_into().map_err(|_| format!("{} ages of the inputs, expected 5", ages.len()))?,
+    };
     let bit = |set: bool, bit: u32| if set { bit } else { 0 };
-    Ok(Sample {
-        version: message.version,
+    let mut sample = Sample {
+        version: SAMPLE_VERSION,
         run: message.run,
         tick: message.tick,
         scheduled_ns: message.scheduled_ns,
         lateness_ns: message.lateness_ns,
-        input_age_ns: message.input_age_ns,
+        woken_ns: message.woken_ns,
+        skipped: message.skipped,
+        age_ns,
+        heartbeat_age_ns: message.heartbeat_age_ns,
+        behind_ns: message.behind_ns,
+        read_ns: message.read_ns,
+        check_ns: message.check_ns,
+        reference_ns: message.reference_ns,
+        control_ns: message.control_ns,
+        write_ns: message.write_ns,
+        publish_ns: message.publish_ns,
+        step: message.step,
+        quality: message.quality,
+        trip: message.trip,
         voltage_v: message.voltage_v.unwrap_or(f64::NAN),
         angle_deg: message.angle_deg.unwrap_or(f64::NAN),
         pressure1_bar: message.pressure1_bar.unwrap_or(f64::NAN),
@@ -93,8 +137,15 @@ pub(crate) fn decode_sample(bytes: &[u8]) -> Result<Sample, String> {
             | bit(message.bypass_open, flags::BYPASS_OPEN)
             | bit(message.tripped, flags::TRIPPED)
             | bit(message.last, flags::LAST)
-            | bit(message.fault, flags::FAULT),
-    })
+            | bit(message.fault, flags::FAULT)
+            | bit(message.overrun, flags::OVERRUN)
+            | bit(message.stopped, flags::STOPPED)
+            | bit(message.slew_limited, flags::SLEW_LIMITED),
+    };
+    if message.version == 1 {
+        sample.quality = sample.measurement().valid();
+    }
+    Ok(sample)
 }
 
 /// The message of this event.

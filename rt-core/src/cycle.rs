@@ -1,15 +1,15 @@
 //! The tick as a table of contents, and the run around it.
 //!
-//! Sample k holds the measurement at tick k and the command that was written at tick k and acts from k to k+1.
-
-use std::sync::atomic::{AtomicBool, Ordering};
+//! Sample k holds the measurement at tick k and the command that was written at tick k and acts from k on.
 
 use crate::clock::{Clock, Wake};
-use crate::publish::Publish;
+use crate::flight::{FlightRecorder, FlightTick};
+use crate::overrun::OverrunPolicy;
+use crate::publish::{Handover, Publish};
 use crate::statistics::{Ended, RunReport, Statistics};
 use crate::supervisor::{Supervisor, Trip};
-use crate::traits::{Controller, Device, DeviceError, Reference, Step, Target};
-use crate::types::{Command, Measurement, SAMPLE_VERSION, Sample, Tick, flags};
+use crate::traits::{Controller, Demand, Device, DeviceError, Operator, Reference, Step, Target};
+use crate::types::{Command, Fixture, Measurement, SAMPLE_VERSION, Sample, Tick, flags};
 
 /// The stages that a tick goes through, and its clock.
 pub struct Stages<'a> {
@@ -17,6 +17,8 @@ pub struct Stages<'a> {
     pub clock: &'a mut dyn Clock,
     /// The rig.
     pub device: &'a mut dyn Device,
+    /// What people ask for.
+    pub operator: &'a mut dyn Operator,
     /// Judges what was read and what is to be written.
     pub supervisor: &'a mut Supervisor,
     /// What is wanted.
@@ -25,6 +27,17 @@ pub struct Stages<'a> {
     pub controller: &'a mut dyn Controller,
     /// Who hears of it.
     pub publish: &'a mut dyn Publish,
+    /// What remembers the last ticks.
+    pub flight: &'a mut FlightRecorder,
+}
+
+/// Which run, and what a missed deadline means in it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Run {
+    /// Numbers the samples; must differ from run to run within the life of the publication.
+    pub number: u32,
+    /// The profile's policy.
+    pub overrun: OverrunPolicy,
 }
 
 /// Why a run could not be driven to its end. A trip is no error: it is in the report.
@@ -54,21 +67,28 @@ pub enum LoopError {
 /// Drives one run: until the reference's last tick, a trip and its aftermath, or a stop. Afterwards the safe state is
 /// written once more, whatever happened.
 ///
-/// `run` numbers the samples; it must differ from run to run within the life of the publication. `stop` may be set
-/// from any thread; the next tick writes the safe state and is the last.
-pub fn run(stages: Stages<'_>, run: u32, stop: &AtomicBool) -> Result<RunReport, LoopError> {
+/// Allocates nothing and makes no system call of its own between the first tick and the last, but the clock's wait.
+pub fn run(stages: Stages<'_>, run: Run) -> Result<RunReport, LoopError> {
     if let Some(trip) = stages.supervisor.trip() {
-        return Err(LoopError::StillTripped { run, trip: *trip });
+        return Err(LoopError::StillTripped { run: run.number, trip: *trip });
     }
-    let mut cycle = Cycle { stages, run, statistics: Statistics::default(), segment: 0 };
-    cycle.stages.supervisor.begin_run();
-    cycle.stages.clock.start();
+    let mut cycle = Cycle {
+        stages,
+        run,
+        statistics: Statistics::default(),
+        acting: (Fixture::Free, 0),
+        skipped: 0,
+        overrun: false,
+        publish_ns: 0,
+        untaken: None,
+    };
+    cycle.begin();
+    let mut index = 0;
     loop {
-        let wake = cycle.stages.clock.next();
-        let stopping = stop.load(Ordering::Relaxed);
-        match cycle.tick(&wake, stopping) {
-            Ok(true) => return cycle.finish(stopping),
-            Ok(false) => {}
+        let wake = cycle.stages.clock.wait(index);
+        match cycle.tick(&wake) {
+            Ok(None) => index = cycle.next(&wake),
+            Ok(Some(ended)) => return cycle.finish(index, ended),
             Err(source) => return Err(cycle.fail(&wake, source)),
         }
     }
@@ -76,65 +96,142 @@ pub fn run(stages: Stages<'_>, run: u32, stop: &AtomicBool) -> Result<RunReport,
 
 struct Cycle<'a> {
     stages: Stages<'a>,
-    run: u32,
+    run: Run,
     statistics: Statistics,
-    segment: u32,
+    /// Fixture and segment of the last command.
+    acting: (Fixture, u32),
+    skipped: u64,
+    /// The tick before this one ended too late.
+    overrun: bool,
+    /// Duration of the last hand-over.
+    publish_ns: u32,
+    /// The last sample, where the publication's queue had no room for it.
+    untaken: Option<Sample>,
 }
 
 impl Cycle<'_> {
-    /// One tick. Returns whether it was the run's last.
-    fn tick(&mut self, wake: &Wake, stopping: bool) -> Result<bool, DeviceError> {
+    fn begin(&mut self) {
+        let Stages { clock, supervisor, controller, flight, .. } = &mut self.stages;
+        supervisor.begin_run();
+        controller.begin_run();
+        flight.begin_run();
+        clock.start();
+    }
+
+    /// One tick. Returns how the run ended, if this was its last.
+    fn tick(&mut self, wake: &Wake) -> Result<Option<Ended>, DeviceError> {
         let now = wake.tick;
-        let Stages { device, supervisor, reference, controller, publish, .. } = &mut self.stages;
+        let Stages { clock, device, operator, supervisor, reference, controller, publish, flight } = &mut self.stages;
+        let demand = operator.demand(now);
+        let stopping = demand == Demand::Stop || (self.overrun && self.run.overrun == OverrunPolicy::Abort);
+        let mut lap = Lap::begin(*clock);
 
         let measured = device.read(now)?;
-        supervisor.check(now, &measured);
+        let read_ns = lap.split(*clock);
+        supervisor.check(now, demand, &measured);
+        let check_ns = lap.split(*clock);
         let step = reference.step(now, &measured);
-        let wanted = wanted(now, &measured, &step, *controller, supervisor.trip().is_some() || stopping);
+        let reference_ns = lap.split(*clock);
+        let wanted = wanted(now, &measured, &step, *controller, supervisor, stopping);
         let command = supervisor.release(now, wanted);
+        let control_ns = lap.split(*clock);
         device.write(now, &command)?;
-        let last = step.last || stopping || supervisor.aftermath_over(now);
-        let sample = sample(self.run, wake, &measured, &command, state(supervisor.trip().is_some(), last));
+        let write_ns = lap.split(*clock);
+
+        let ended = ended(now, &step, supervisor, demand, stopping);
+        let state = self.run.state(supervisor, demand, self.overrun) | if ended.is_some() { flags::LAST } else { 0 };
+        let timed = Timed { read_ns, check_ns, reference_ns, control_ns, write_ns, publish_ns: self.publish_ns };
+        let mut sample = self.run.sample(wake, self.skipped, &timed, &measured, &command, state);
+        sample.step = step.index;
+        sample.trip = supervisor.trip().map_or(0, Trip::code);
         let handover = publish.publish(&sample);
-        self.statistics.account(wake, handover);
-        self.segment = command.segment;
-        Ok(last)
+        self.publish_ns = lap.split(*clock);
+
+        let ended_ns = lap.last_ns.saturating_sub(now.scheduled_ns);
+        let flown = FlightTick { sample, publish_ns: self.publish_ns, ended_ns };
+        self.statistics.account(&flown, handover);
+        flight.record(flown);
+        self.acting = (command.fixture, command.segment);
+        self.untaken = (handover == Handover::Lost && ended.is_some()).then_some(sample);
+        Ok(ended)
+    }
+
+    /// The tick that follows, by the overrun policy.
+    fn next(&mut self, wake: &Wake) -> u64 {
+        let index = wake.tick.index;
+        let now_ns = self.stages.clock.now_ns();
+        self.overrun = now_ns >= Tick::at(index + 1).scheduled_ns;
+        if !self.overrun {
+            return index + 1;
+        }
+        let next = self.run.overrun.next(index, now_ns);
+        self.skipped += next - (index + 1);
+        match self.run.overrun {
+            OverrunPolicy::Skip | OverrunPolicy::CatchUp => {}
+            OverrunPolicy::SafeState => {
+                let late_ns = now_ns - wake.tick.scheduled_ns;
+                self.stages.supervisor.deadline_missed(Tick::at(next), late_ns);
+            }
+            OverrunPolicy::Abort => {
+                // At once; the tick that closes the run writes it again and says so if that fails.
+                let safe = self.safe_command();
+                let _ = self.stages.device.write(Tick::at(index), &safe);
+            }
+        }
+        next
+    }
+
+    fn safe_command(&self) -> Command {
+        let (fixture, segment) = self.acting;
+        self.stages.supervisor.limits().safe_state.command(fixture, segment)
     }
 
     /// The last tick's command acts until the next tick would begin; outputs are not left at it.
-    fn finish(self, stopping: bool) -> Result<RunReport, LoopError> {
-        let Stages { clock, device, supervisor, .. } = self.stages;
-        let safe = Command { segment: self.segment, ..Command::SAFE };
-        device.write(clock.next().tick, &safe).map_err(|source| LoopError::Device {
-            run: self.run,
-            safe_state: Err(source.clone()),
-            source,
-        })?;
-        let trip = supervisor.trip().copied();
-        let ended = match trip {
-            Some(_) => Ended::Tripped,
-            None if stopping => Ended::Stopped,
-            None => Ended::Completed,
-        };
-        Ok(RunReport { run: self.run, ended, trip, statistics: self.statistics })
+    fn finish(mut self, index: u64, ended: Ended) -> Result<RunReport, LoopError> {
+        let safe = self.safe_command();
+        let Stages { clock, device, supervisor, publish, flight, .. } = self.stages;
+        // After a tick that took too long this returns at once.
+        let written = device.write(clock.wait(index + 1).tick, &safe);
+        // The rig is safe: whoever follows the samples is told of the end, now that waiting for room does no harm.
+        if let Some(sample) = self.untaken.take()
+            && publish.publish_patiently(&sample) == Handover::Taken
+        {
+            self.statistics.not_taken -= 1;
+        }
+        self.statistics.incidents_dropped = flight.end_run();
+        let run = self.run.number;
+        written.map_err(|source| LoopError::Device { run, safe_state: Err(source.clone()), source })?;
+        Ok(RunReport { run, ended, trip: supervisor.trip().copied(), statistics: self.statistics })
     }
 
     /// The device failed within this tick: safe state at once, and a last sample, so that loggers can close the run.
     fn fail(self, wake: &Wake, source: DeviceError) -> LoopError {
-        let safe = Command { segment: self.segment, ..Command::SAFE };
-        let safe_state = self.stages.device.write(wake.tick, &safe);
-        let state = state(self.stages.supervisor.trip().is_some(), true) | flags::FAULT;
-        let sample = sample(self.run, wake, &Measurement::NONE, &safe, state);
-        self.stages.publish.publish(&sample);
-        LoopError::Device { run: self.run, source, safe_state }
+        let safe = self.safe_command();
+        let Stages { device, supervisor, publish, flight, .. } = self.stages;
+        let safe_state = device.write(wake.tick, &safe);
+        let state = self.run.state(supervisor, Demand::None, self.overrun) | flags::LAST | flags::FAULT;
+        let timed = Timed { publish_ns: self.publish_ns, ..Timed::default() };
+        let mut sample = self.run.sample(wake, self.skipped, &timed, &Measurement::NONE, &safe, state);
+        sample.trip = supervisor.trip().map_or(0, Trip::code);
+        publish.publish_patiently(&sample);
+        flight.record(FlightTick { sample, publish_ns: 0, ended_ns: wake.lateness_ns });
+        flight.end_run();
+        LoopError::Device { run: self.run.number, source, safe_state }
     }
 }
 
 /// The command that reference and controller ask for. A controller is not asked where its answer can't be used: it
 /// must not integrate against a rig that does not follow it.
-fn wanted(now: Tick, measured: &Measurement, step: &Step, controller: &mut dyn Controller, safe: bool) -> Command {
-    if safe {
-        return Command { segment: step.segment, ..Command::SAFE };
+fn wanted(
+    now: Tick,
+    measured: &Measurement,
+    step: &Step,
+    controller: &mut dyn Controller,
+    supervisor: &Supervisor,
+    stopping: bool,
+) -> Command {
+    if stopping || supervisor.trip().is_some() {
+        return supervisor.limits().safe_state.command(step.fixture, step.segment);
     }
     Command {
         voltage_v: controller.control(now, measured, step),
@@ -145,32 +242,113 @@ fn wanted(now: Tick, measured: &Measurement, step: &Step, controller: &mut dyn C
     }
 }
 
-fn state(tripped: bool, last: bool) -> u32 {
-    (if tripped { flags::TRIPPED } else { 0 }) | (if last { flags::LAST } else { 0 })
+fn ended(now: Tick, step: &Step, supervisor: &Supervisor, demand: Demand, stopping: bool) -> Option<Ended> {
+    if !(step.last || stopping || supervisor.aftermath_over(now)) {
+        return None;
+    }
+    Some(match supervisor.trip() {
+        Some(_) => Ended::Tripped,
+        None if demand == Demand::Stop => Ended::Stopped,
+        None if stopping => Ended::Aborted,
+        None => Ended::Completed,
+    })
 }
 
-fn sample(run: u32, wake: &Wake, measured: &Measurement, command: &Command, state: u32) -> Sample {
-    let brake = if command.brake_open { flags::BRAKE_OPEN } else { 0 };
-    let bypass = if command.bypass_open { flags::BYPASS_OPEN } else { 0 };
-    Sample {
-        version: SAMPLE_VERSION,
-        run,
-        tick: wake.tick.index,
-        scheduled_ns: wake.tick.scheduled_ns,
-        lateness_ns: wake.lateness_ns,
-        input_age_ns: 0,
-        voltage_v: command.voltage_v,
-        angle_deg: measured.angle_deg,
-        pressure1_bar: measured.pressure1_bar,
-        pressure2_bar: measured.pressure2_bar,
-        torque_nm: measured.torque_nm,
-        volume_ml: measured.volume_ml,
-        segment: command.segment,
-        flags: brake | bypass | state,
+/// Times the stages of a tick.
+struct Lap {
+    last_ns: u64,
+}
+
+impl Lap {
+    fn begin(clock: &mut dyn Clock) -> Self {
+        Lap { last_ns: clock.now_ns() }
+    }
+
+    /// Time since the last split, ns.
+    fn split(&mut self, clock: &mut dyn Clock) -> u32 {
+        let now_ns = clock.now_ns();
+        let since_ns = now_ns.saturating_sub(self.last_ns);
+        self.last_ns = now_ns;
+        saturated(since_ns)
     }
 }
 
-/// Open loop: the target's voltage is the answer. A flow target is refused with NaN, which trips the supervisor.
+/// Durations of a tick's stages, ns.
+#[derive(Default)]
+struct Timed {
+    read_ns: u32,
+    check_ns: u32,
+    reference_ns: u32,
+    control_ns: u32,
+    write_ns: u32,
+    /// Of the tick before.
+    publish_ns: u32,
+}
+
+fn saturated(ns: u64) -> u32 {
+    u32::try_from(ns).unwrap_or(u32::MAX)
+}
+
+impl Run {
+    /// The flags but those of the command and the run's end.
+    fn state(&self, supervisor: &Supervisor, demand: Demand, overrun: bool) -> u32 {
+        [
+            (supervisor.trip().is_some(), flags::TRIPPED),
+            (demand == Demand::Stop, flags::STOPPED),
+            (overrun, flags::OVERRUN),
+            (supervisor.slew_limited(), flags::SLEW_LIMITED),
+        ]
+        .into_iter()
+        .fold(0, |bits, (set, bit)| if set { bits | bit } else { bits })
+    }
+
+    fn sample(
+        &self,
+        wake: &Wake,
+        skipped: u64,
+        timed: &Timed,
+        measured: &Measurement,
+        command: &Command,
+        state: u32,
+    ) -> Sample {
+        let brake = if command.brake_open { flags::BRAKE_OPEN } else { 0 };
+        let bypass = if command.bypass_open { flags::BYPASS_OPEN } else { 0 };
+        Sample {
+            version: SAMPLE_VERSION,
+            run: self.number,
+            tick: wake.tick.index,
+            scheduled_ns: wake.tick.scheduled_ns,
+            woken_ns: wake.woken_ns,
+            lateness_ns: wake.lateness_ns,
+            skipped,
+            voltage_v: command.voltage_v,
+            angle_deg: measured.angle_deg,
+            pressure1_bar: measured.pressure1_bar,
+            pressure2_bar: measured.pressure2_bar,
+            torque_nm: measured.torque_nm,
+            volume_ml: measured.volume_ml,
+            age_ns: measured.age_ns,
+            heartbeat_age_ns: measured.heartbeat_age_ns,
+            behind_ns: saturated(wake.behind_ns),
+            read_ns: timed.read_ns,
+            check_ns: timed.check_ns,
+            reference_ns: timed.reference_ns,
+            control_ns: timed.control_ns,
+            write_ns: timed.write_ns,
+            publish_ns: timed.publish_ns,
+            segment: command.segment,
+            step: 0,
+            flags: brake | bypass | state,
+            quality: measured.valid() | (measured.faulty & FAULTY_BITS) << 8,
+            trip: 0,
+        }
+    }
+}
+
+/// The bits of the inputs that there are.
+const FAULTY_BITS: u32 = 0x1f;
+
+/// Open loop: the target's voltage is the answer. Any other target is refused with NaN, which trips the supervisor.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct OpenLoop;
 
@@ -178,7 +356,7 @@ impl Controller for OpenLoop {
     fn control(&mut self, _now: Tick, _measured: &Measurement, step: &Step) -> f64 {
         match step.target {
             Target::VoltageV(voltage_v) => voltage_v,
-            Target::FlowMlS(_) => f64::NAN,
+            _ => f64::NAN,
         }
     }
 }

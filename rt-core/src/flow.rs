@@ -25,7 +25,7 @@ pub(crate) struct Flow {
 #[derive(Debug)]
 struct RunStart {
     run: u32,
-    first_tick: u64,
+    first: u64,
     position: u64,
 }
 
@@ -65,9 +65,9 @@ impl Flow {
         }
     }
 
-    /// A logger has taken everything up to, but without, `next_tick` of `run`.
-    pub fn progress(&mut self, id: LoggerId, run: u32, next_tick: u64) {
-        let position = self.position(run, next_tick);
+    /// A logger has taken everything up to, but without, `next_sequence` of `run`.
+    pub fn progress(&mut self, id: LoggerId, run: u32, next_sequence: u64) {
+        let position = self.position(run, next_sequence);
         let half_window = self.window / 2;
         let sent = self.sent;
         let (Some(position), Some(logger)) = (position, self.loggers.iter_mut().find(|l| l.id == id)) else {
@@ -84,9 +84,9 @@ impl Flow {
 
     /// A sample was sent.
     pub fn sent(&mut self, sample: &Sample) {
-        if self.runs.back().is_none_or(|newest| newest.run != sample.run || sample.tick == 0) {
+        if self.runs.back().is_none_or(|newest| newest.run != sample.run || sample.sequence() == 0) {
             self.forget_runs();
-            self.runs.push_back(RunStart { run: sample.run, first_tick: sample.tick, position: self.sent });
+            self.runs.push_back(RunStart { run: sample.run, first: sample.sequence(), position: self.sent });
         }
         self.sent += 1;
     }
@@ -121,9 +121,9 @@ impl Flow {
         waited_for.map(|logger| logger.taken).min().unwrap_or(self.sent)
     }
 
-    fn position(&self, run: u32, next_tick: u64) -> Option<u64> {
+    fn position(&self, run: u32, next_sequence: u64) -> Option<u64> {
         let start = self.runs.iter().rev().find(|start| start.run == run)?;
-        Some(start.position + next_tick.checked_sub(start.first_tick)?)
+        Some(start.position + next_sequence.checked_sub(start.first)?)
     }
 
     /// Runs that every logger has left behind can't be spoken of any more.
@@ -143,7 +143,7 @@ mod tests {
 
     fn send(flow: &mut Flow, run: u32, ticks: std::ops::Range<u64>) {
         for tick in ticks {
-            let sample = Sample { run, tick, ..crate::types::blank_sample() };
+            let sample = Sample { run, tick, ..Sample::BLANK };
             flow.sent(&sample);
         }
     }

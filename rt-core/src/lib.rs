@@ -4,32 +4,45 @@
 //! |---|---|
 //! | [`cycle`] | the tick as a table of contents, and the run around it |
 //! | [`clock`] | where ticks come from |
+//! | [`overrun`] | what follows a missed deadline |
 //! | [`supervisor`] | limits, latched trips, the safe state |
 //! | [`statistics`] | what is accounted per run |
+//! | [`flight`] | the last ticks with their stage times, kept when something happens |
+//! | [`replay`] | a recorded run in the place of clock, device and people |
 //! | [`publish`] | the loop's hand-over and the publication thread |
 //! | [`subscribe`] | the other end: samples, gaps, loss certificate |
-//! | [`loss`] | gap detection by tick number, without any transport |
+//! | [`loss`] | gap detection by the samples' numbers, without any transport |
+//! | [`system`] | priority, memory and time of the operating system |
 //! | [`link`] | names, sizes and errors of the shared-memory services |
 
 pub mod clock;
 pub mod cycle;
+pub mod flight;
 mod flow;
 pub mod link;
 pub mod loss;
+pub mod overrun;
 pub mod publish;
+pub mod replay;
+mod rhythm;
 pub mod statistics;
 pub mod subscribe;
 pub mod supervisor;
+pub mod system;
 pub mod traits;
 pub mod types;
 
-pub use clock::{Clock, Lockstep, Wake};
-pub use cycle::{LoopError, Stages, run};
+pub use clock::{Clock, Lockstep, RealTime, Wake};
+pub use cycle::{LoopError, OpenLoop, Run, Stages, run};
+pub use flight::{FlightLog, FlightRecorder, Incident};
 pub use link::LinkError;
 pub use loss::{LossCertificate, LossTracker, OutOfOrder};
+pub use overrun::OverrunPolicy;
 pub use publish::{Handover, Pace, Publication, Publish, Settled};
 pub use statistics::{Ended, RunReport, Statistics};
 pub use subscribe::{Delivery, SampleSubscriber};
 pub use supervisor::{Breach, Channel, Limits, LimitsError, Supervisor, Trip};
-pub use traits::{Controller, Device, DeviceError, Reference, Step, Target};
-pub use types::{Command, Fixture, Measurement, PERIOD_NS, SAMPLE_VERSION, Sample, Tick, flags};
+pub use traits::{
+    ControlledPressure, Controller, Demand, Device, DeviceError, Operator, Reference, Step, Switches, Target,
+};
+pub use types::{Command, Fixture, Input, Measurement, PERIOD_NS, SAMPLE_VERSION, SafeState, Sample, Tick, flags};

@@ -20,7 +20,7 @@ use crate::types::{SAMPLE_VERSION, Sample};
 
 /// Samples that a subscriber may lag behind before its oldest are overwritten: 8 s in real time.
 pub const BUFFER_SAMPLES: usize = 8192;
-/// Subscribers at one time. Together with the buffer this fixes the shared memory, some 16 MB.
+/// Subscribers at one time. Together with the buffer this fixes the shared memory, some 25 MB.
 pub const MAX_SUBSCRIBERS: usize = 12;
 /// The loop's publisher, and one more for a bridge to another host.
 const MAX_PUBLISHERS: usize = 2;
@@ -37,14 +37,14 @@ pub(crate) type SampleService = publish_subscribe::PortFactory<Ipc, Sample, ()>;
 pub(crate) type ProgressService = publish_subscribe::PortFactory<Ipc, Progress, ()>;
 pub(crate) type WakeService = event::PortFactory<Ipc>;
 
-/// What a lossless logger reports: it has taken everything of `run` up to, but without, `next_tick`.
+/// What a lossless logger reports: it has taken everything of `run` up to, but without, sample number `next_sequence`.
 #[derive(Clone, Copy, Debug, ZeroCopySend)]
 #[repr(C)]
-#[type_name("RecBenchProgress")]
+#[type_name("RecBenchProgress2")]
 pub(crate) struct Progress {
     pub version: u32,
     pub run: u32,
-    pub next_tick: u64,
+    pub next_sequence: u64,
 }
 
 /// What went wrong between the loop and its subscribers.

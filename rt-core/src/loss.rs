@@ -1,4 +1,5 @@
-//! Loss is seen by tick numbers: within a run they count from 0 without gaps, and the last sample says so.
+//! Loss is seen by the samples' numbers ([`Sample::sequence`]): within a run they count from 0 without gaps, and the last
+//! sample says so. Where the loop passed over ticks, the numbers go on without a gap: nothing was lost there.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -14,7 +15,8 @@ pub struct LossCertificate {
     pub expected: u64,
     /// Samples that arrived.
     pub received: u64,
-    /// Ticks that did not arrive: first and last of each gap, both included.
+    /// Numbers of the samples that did not arrive: first and last of each gap, both included. They are ticks where the loop
+    /// passed over none.
     pub gaps: Vec<(u64, u64)>,
     /// The run's length is known: its last sample arrived, or the loop's report told it.
     pub end_seen: bool,
@@ -36,7 +38,7 @@ impl fmt::Display for LossCertificate {
         write!(f, "{} of {bound}{} samples", self.received, self.expected)?;
         if !self.gaps.is_empty() {
             let gaps = self.gaps.iter().take(GAPS_SHOWN).map(|(first, last)| format!("{first}..={last}"));
-            write!(f, "; missing ticks {}", gaps.collect::<Vec<_>>().join(", "))?;
+            write!(f, "; missing samples {}", gaps.collect::<Vec<_>>().join(", "))?;
         }
         if self.gaps.len() > GAPS_SHOWN {
             write!(f, " and {} gaps more", self.gaps.len() - GAPS_SHOWN)?;
@@ -50,13 +52,13 @@ impl fmt::Display for LossCertificate {
 
 /// A sample that can't follow those before it: no gap explains it.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("run {run}: expected tick {expected} or later, got {got}; do two services publish on one instance?")]
+#[error("run {run}: expected sample {expected} or later, got {got}; do two services publish on one instance?")]
 pub struct OutOfOrder {
     /// Number of the run.
     pub run: u32,
-    /// The lowest tick that could follow.
+    /// The lowest number that could follow.
     pub expected: u64,
-    /// The tick that came.
+    /// The number that came.
     pub got: u64,
 }
 
@@ -74,7 +76,7 @@ struct OpenRun {
     /// Which publisher the run comes from: a service that was killed and started again may count its runs anew.
     source: u128,
     run: u32,
-    next_tick: u64,
+    next_sequence: u64,
     received: u64,
     gaps: Vec<(u64, u64)>,
 }
@@ -89,25 +91,26 @@ impl LossTracker {
         let open = self.open.get_or_insert_with(|| OpenRun {
             source,
             run: sample.run,
-            next_tick: 0,
+            next_sequence: 0,
             received: 0,
             gaps: Vec::new(),
         });
-        if sample.tick < open.next_tick {
-            return Err(OutOfOrder { run: sample.run, expected: open.next_tick, got: sample.tick });
+        let sequence = sample.sequence();
+        if sequence < open.next_sequence {
+            return Err(OutOfOrder { run: sample.run, expected: open.next_sequence, got: sequence });
         }
-        if sample.tick > open.next_tick {
-            open.gaps.push((open.next_tick, sample.tick - 1));
+        if sequence > open.next_sequence {
+            open.gaps.push((open.next_sequence, sequence - 1));
         }
         open.received += 1;
-        open.next_tick = sample.tick + 1;
+        open.next_sequence = sequence + 1;
         if sample.last() {
-            self.close_open(Some(sample.tick + 1));
+            self.close_open(Some(sequence + 1));
         }
         Ok(())
     }
 
-    /// Closes `run` with the length that the loop's report tells, for a subscriber that did not see its end: ticks up
+    /// Closes `run` with the length that the loop's report tells, for a subscriber that did not see its end: samples up
     /// to `expected` that did not arrive are a gap. Run numbers must increase; a run that is closed already stays as it
     /// is.
     pub fn close(&mut self, run: u32, expected: u64) {
@@ -132,12 +135,12 @@ impl LossTracker {
     }
 
     fn close_open(&mut self, expected: Option<u64>) {
-        let Some(OpenRun { run, next_tick, received, mut gaps, .. }) = self.open.take() else { return };
-        if let Some(expected) = expected.filter(|&expected| expected > next_tick) {
-            gaps.push((next_tick, expected - 1));
+        let Some(OpenRun { run, next_sequence, received, mut gaps, .. }) = self.open.take() else { return };
+        if let Some(expected) = expected.filter(|&expected| expected > next_sequence) {
+            gaps.push((next_sequence, expected - 1));
         }
         let end_seen = expected.is_some();
-        let expected = expected.unwrap_or(next_tick).max(next_tick);
+        let expected = expected.unwrap_or(next_sequence).max(next_sequence);
         self.closed.push_back(LossCertificate { run, expected, received, gaps, end_seen });
     }
 }
@@ -149,7 +152,7 @@ mod tests {
 
     fn sample(run: u32, tick: u64, last: bool) -> Sample {
         let flags = if last { flags::LAST } else { 0 };
-        Sample { run, tick, flags, ..crate::types::blank_sample() }
+        Sample { run, tick, flags, ..Sample::BLANK }
     }
 
     fn certificates(arrivals: &[(u32, u64, bool)]) -> Vec<LossCertificate> {
@@ -174,11 +177,22 @@ mod tests {
         let certificates = certificates(&[(0, 2, false), (0, 3, false), (0, 6, true), (1, 0, false), (2, 0, true)]);
         assert_eq!(certificates[0].gaps, [(0, 1), (4, 5)]);
         assert_eq!((certificates[0].received, certificates[0].expected), (3, 7));
-        assert_eq!(certificates[0].to_string(), "3 of 7 samples; missing ticks 0..=1, 4..=5");
+        assert_eq!(certificates[0].to_string(), "3 of 7 samples; missing samples 0..=1, 4..=5");
         assert!(!certificates[0].is_lossless());
         assert_eq!(certificates[1].to_string(), "1 of at least 1 samples; the end of the run did not arrive");
         assert!(!certificates[1].is_lossless(), "an unknown length is no proof");
         assert!(certificates[2].is_lossless());
+    }
+
+    #[test]
+    fn ticks_that_the_loop_passed_over_are_no_loss() {
+        let mut tracker = LossTracker::default();
+        for (tick, skipped, last) in [(0, 0, false), (1, 0, false), (7, 5, false), (8, 5, false), (11, 6, true)] {
+            tracker.received(0, &Sample { skipped, ..sample(0, tick, last) }).unwrap();
+        }
+        let certificate = tracker.take().unwrap();
+        assert_eq!(certificate.gaps, [(4, 4)], "tick 9 or 10 was run, and its sample did not arrive");
+        assert_eq!((certificate.received, certificate.expected), (5, 6));
     }
 
     #[test]

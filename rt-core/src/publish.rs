@@ -20,13 +20,19 @@ use ringbuf::traits::{Consumer, Observer, Producer, Split};
 use ringbuf::{HeapCons, HeapProd, HeapRb};
 
 use crate::flow::{Flow, LoggerId};
+use crate::rhythm::Rhythm;
 use crate::link::{BUFFER_SAMPLES, Ipc, Link, LinkError, Progress};
+use crate::system::time::{monotonic_ns, sleep_until_ns};
 use crate::types::{SAMPLE_VERSION, Sample};
 
 /// Where the loop's samples go.
 pub trait Publish {
     /// Takes the sample of a tick.
     fn publish(&mut self, sample: &Sample) -> Handover;
+    /// The same after the run, when the rig is safe and waiting does no harm: a run's last sample should arrive.
+    fn publish_patiently(&mut self, sample: &Sample) -> Handover {
+        self.publish(sample)
+    }
 }
 
 /// What became of a sample that the loop handed over.
@@ -72,12 +78,16 @@ const BATCH_SAMPLES: usize = 256;
 const WINDOW_SAMPLES: u64 = (BUFFER_SAMPLES - 8 * BATCH_SAMPLES) as u64;
 /// The thread looks for new loggers after this many batches, and whenever it is idle.
 const BATCHES_BETWEEN_LOOKS: u32 = 4;
+/// The same in real time, where a batch is one sample.
+const BATCHES_BETWEEN_LOOKS_IN_REAL_TIME: u32 = 100;
 /// Sleep of a side that waits for the other.
 const NAP: Duration = Duration::from_micros(100);
 /// Sleep of the thread when nothing has come for a while.
 const LONG_NAP: Duration = Duration::from_millis(1);
 /// Naps before the sleep gets longer.
 const NAPS_BEFORE_LONG: u32 = 200;
+/// How long the last sample of a real-time run waits for room in the queue.
+const PATIENCE_AFTER_RUN: Duration = Duration::from_secs(2);
 /// A run that is held up for this long asks whether the logger's process is still alive.
 const SUSPECT_AFTER: Duration = Duration::from_millis(50);
 /// Between two such questions.
@@ -117,6 +127,15 @@ pub struct Settled {
 impl Publication {
     /// Opens the services of `instance` and begins to publish.
     pub fn start(instance: &str, pace: Pace) -> Result<Self, LinkError> {
+        Self::start_prepared(instance, pace, || {})
+    }
+
+    /// The same; the publication thread calls `prepare` first, to give itself a priority or a processor.
+    pub fn start_prepared(
+        instance: &str,
+        pace: Pace,
+        prepare: impl FnOnce() + Send + 'static,
+    ) -> Result<Self, LinkError> {
         let (queue, from_loop) = HeapRb::new(QUEUE_SAMPLES).split();
         let shared = Arc::new(Shared::default());
         let (ready, started) = mpsc::channel();
@@ -124,6 +143,7 @@ impl Publication {
             let (instance, shared) = (instance.to_owned(), Arc::clone(&shared));
             move || {
                 let ended = SetOnDrop(Arc::clone(&shared));
+                prepare();
                 let mut sender = match Sender::open(&instance, pace, shared) {
                     Ok(sender) => sender,
                     Err(error) => {
@@ -226,6 +246,18 @@ impl Publish for Publication {
         self.handed += 1;
         Handover::Taken
     }
+
+    fn publish_patiently(&mut self, sample: &Sample) -> Handover {
+        let begin = Instant::now();
+        loop {
+            let handover = self.publish(sample);
+            let ended = self.shared.ended.load(Ordering::Acquire);
+            if handover == Handover::Taken || ended || begin.elapsed() >= PATIENCE_AFTER_RUN {
+                return handover;
+            }
+            thread::sleep(NAP);
+        }
+    }
 }
 
 impl Drop for Publication {
@@ -257,6 +289,7 @@ struct Sender {
     begin: Instant,
     suspected: Option<Instant>,
     ids: Vec<LoggerId>,
+    rhythm: Rhythm,
 }
 
 impl Sender {
@@ -273,7 +306,7 @@ impl Sender {
         };
         let flow = Flow::new(WINDOW_SAMPLES, patience);
         let (begin, ids) = (Instant::now(), Vec::new());
-        Ok(Sender { samples, wake, progress, link, shared, pace, flow, begin, suspected: None, ids })
+        Ok(Sender { samples, wake, progress, link, shared, pace, flow, begin, suspected: None, ids, rhythm: Rhythm::default() })
     }
 
     fn serve(&mut self, mut queue: HeapCons<Sample>) -> Result<(), LinkError> {
@@ -282,15 +315,16 @@ impl Sender {
         loop {
             // Read before the queue: what was handed over before the stop is published.
             let stop = self.shared.stop.load(Ordering::Acquire);
-            if batches.is_multiple_of(BATCHES_BETWEEN_LOOKS) || naps > 0 {
+            if self.time_to_look(batches, naps) {
                 self.look_for_loggers();
+                self.hear_progress()?;
             }
-            self.hear_progress()?;
             let waiting = queue.occupied_len();
             let room = if waiting > 0 { self.room() } else { 0 };
             batch.clear();
             batch.extend(queue.pop_iter().take(room.min(BATCH_SAMPLES)));
-            if !batch.is_empty() {
+            if let Some(newest) = batch.last() {
+                self.rhythm.heard(newest);
                 self.send(&batch)?;
                 naps = 0;
                 batches = batches.wrapping_add(1);
@@ -298,8 +332,19 @@ impl Sender {
                 return Ok(());
             } else {
                 naps = if waiting == 0 { naps.saturating_add(1) } else { 1 };
-                thread::sleep(if naps < NAPS_BEFORE_LONG { NAP } else { LONG_NAP });
+                match self.rhythm.next_look_ns(monotonic_ns()) {
+                    Some(look_ns) if waiting == 0 => sleep_until_ns(look_ns),
+                    _ => thread::sleep(if naps < NAPS_BEFORE_LONG { NAP } else { LONG_NAP }),
+                }
             }
+        }
+    }
+
+    /// In virtual time the loggers' progress decides how fast the run may go; in real time nobody waits for it.
+    fn time_to_look(&self, batches: u32, naps: u32) -> bool {
+        match self.pace {
+            Pace::Lockstep { .. } => batches.is_multiple_of(BATCHES_BETWEEN_LOOKS) || naps > 0,
+            Pace::RealTime => batches.is_multiple_of(BATCHES_BETWEEN_LOOKS_IN_REAL_TIME) || naps >= NAPS_BEFORE_LONG,
         }
     }
 
@@ -327,9 +372,9 @@ impl Sender {
     fn hear_progress(&mut self) -> Result<(), LinkError> {
         let broken = |e: &dyn std::fmt::Display| self.link.broken("reading the loggers' progress", e.to_string());
         while let Some(message) = self.progress.receive().map_err(|e| broken(&e))? {
-            let Progress { version, run, next_tick } = *message.payload();
+            let Progress { version, run, next_sequence } = *message.payload();
             if version == SAMPLE_VERSION {
-                self.flow.progress(message.origin().value(), run, next_tick);
+                self.flow.progress(message.origin().value(), run, next_sequence);
             }
         }
         self.shared.taken_by_all.store(self.flow.taken_by_all(), Ordering::Release);

@@ -67,11 +67,11 @@ impl SampleSubscriber {
             }
             self.tracker.received(arrival.origin().value(), &sample)?;
             into.push(sample);
-            newest = Some((sample.run, sample.tick));
+            newest = Some((sample.run, sample.sequence()));
             count += 1;
         }
-        if let (Some((run, tick)), Some(progress)) = (newest, &self.progress) {
-            let message = Progress { version: SAMPLE_VERSION, run, next_tick: tick + 1 };
+        if let (Some((run, sequence)), Some(progress)) = (newest, &self.progress) {
+            let message = Progress { version: SAMPLE_VERSION, run, next_sequence: sequence + 1 };
             progress.send_copy(message).map_err(|e| self.link.broken("reporting progress", e.to_string()))?;
         }
         Ok(count)

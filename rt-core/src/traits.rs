@@ -1,11 +1,67 @@
 //! The loop's view of the world. The consumer owns the traits: drivers, profiles and controllers implement them.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use crate::types::{Command, Measurement, Tick};
+
+/// What somebody outside the loop asks for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Demand {
+    /// Go on.
+    #[default]
+    None,
+    /// End the run: the safe state is written, nothing latches.
+    Stop,
+    /// Emergency stop: the supervisor trips.
+    EmergencyStop,
+}
+
+/// The people at the rig, as the loop hears them. Asked once a tick; must not wait.
+pub trait Operator {
+    /// What is asked for at this tick.
+    fn demand(&mut self, now: Tick) -> Demand;
+}
+
+/// Nobody asks for anything.
+impl Operator for () {
+    fn demand(&mut self, _now: Tick) -> Demand {
+        Demand::None
+    }
+}
+
+/// Switches that any thread or signal handler may throw. They stay thrown: who throws them decides when to go on.
+#[derive(Debug, Default)]
+pub struct Switches {
+    /// Ask for the end of the run.
+    pub stop: AtomicBool,
+    /// Ask for the emergency stop.
+    pub emergency_stop: AtomicBool,
+}
+
+impl Switches {
+    /// Nothing is asked for. (For a static.)
+    pub const fn new() -> Self {
+        Switches { stop: AtomicBool::new(false), emergency_stop: AtomicBool::new(false) }
+    }
+}
+
+impl Operator for &Switches {
+    fn demand(&mut self, _now: Tick) -> Demand {
+        if self.emergency_stop.load(Ordering::Relaxed) {
+            Demand::EmergencyStop
+        } else if self.stop.load(Ordering::Relaxed) {
+            Demand::Stop
+        } else {
+            Demand::None
+        }
+    }
+}
 
 /// A rig: real hardware, the emulated rig, or a wrapper around either.
 ///
 /// The command written at tick k acts from k to k+1; the measurement read at tick k is the state at k, before that command.
-/// After the run's last tick, and at once after a failure, the loop writes [`Command::SAFE`] once more without a read before it.
+/// After the run's last tick, and at once after a failure, the loop writes the safe state once more without a read before it.
+/// Ticks may be passed over; time never goes back. Neither call may wait, allocate or take a lock.
 pub trait Device {
     /// The sensors at this tick.
     fn read(&mut self, now: Tick) -> Result<Measurement, DeviceError>;
@@ -38,6 +94,8 @@ pub struct Step {
     pub fixture: crate::types::Fixture,
     /// Counts the set points of the protocol.
     pub segment: u32,
+    /// Active step of the profile, counted through its unrolled loops from 0.
+    pub index: u32,
     /// This is the run's last tick.
     pub last: bool,
 }
@@ -49,6 +107,31 @@ pub enum Target {
     VoltageV(f64),
     /// Flow of the pump through the inverted characteristic, eq. (10), ml/s.
     FlowMlS(f64),
+    /// A pressure, bar (absolute for a chamber).
+    PressureBar {
+        /// Which one.
+        of: ControlledPressure,
+        /// Its value, bar.
+        bar: f64,
+    },
+    /// Angle of the lever.
+    AngleDeg {
+        /// The angle, degrees.
+        angle_deg: f64,
+        /// How fast the reference moves there, degrees per second; for the feed-forward.
+        velocity_deg_s: f64,
+    },
+}
+
+/// A pressure that the pump can drive somewhere: it moves oil from one chamber to the other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ControlledPressure {
+    /// Chamber 1; rises with the pump's flow.
+    Chamber1,
+    /// Chamber 2; falls with the pump's flow.
+    Chamber2,
+    /// p1 - p2.
+    Difference,
 }
 
 /// A profile: what is wanted at each tick. Deterministic; may look at the measurement ("until the angle reaches ...").
@@ -59,6 +142,8 @@ pub trait Reference {
 
 /// Turns the profile's target into a voltage.
 pub trait Controller {
-    /// Voltage for this tick, V.
+    /// A run begins: what was integrated before has no bearing.
+    fn begin_run(&mut self) {}
+    /// Voltage for this tick, V. NaN where there is no answer; the supervisor then trips.
     fn control(&mut self, now: Tick, measured: &Measurement, step: &Step) -> f64;
 }

@@ -36,6 +36,7 @@ impl Sensors {
             pressure2_bar: shown[2] + pressure_bar * normal(&mut self.pressure[1]),
             torque_nm: torque_nm + torque_noise_nm * normal(&mut self.torque),
             volume_ml,
+            ..Measurement::NONE
         }
     }
 }

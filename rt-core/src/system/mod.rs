@@ -1,0 +1,3 @@
+//! What the operating system gives the loop: time, priority, memory.
+
+pub mod time;
