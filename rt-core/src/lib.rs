@@ -13,10 +13,12 @@
 //! | [`subscribe`] | the other end: samples, gaps, loss certificate |
 //! | [`loss`] | gap detection by the samples' numbers, without any transport |
 //! | [`system`] | priority, memory and time of the operating system |
+//! | [`demand`] | stop and emergency stop from another process |
 //! | [`link`] | names, sizes and errors of the shared-memory services |
 
 pub mod clock;
 pub mod cycle;
+pub mod demand;
 pub mod flight;
 mod flow;
 pub mod link;
@@ -34,6 +36,7 @@ pub mod types;
 
 pub use clock::{Clock, Lockstep, RealTime, Wake};
 pub use cycle::{LoopError, OpenLoop, Run, Stages, run};
+pub use demand::{DemandListener, send_demand};
 pub use flight::{FlightLog, FlightRecorder, Incident};
 pub use link::LinkError;
 pub use loss::{LossCertificate, LossTracker, OutOfOrder};

@@ -5,6 +5,7 @@
 //! | `rec-bench/<instance>/sample` | publish-subscribe | one [`Sample`] a tick |
 //! | `rec-bench/<instance>/progress` | publish-subscribe | how far each lossless logger is |
 //! | `rec-bench/<instance>/wake` | event | there are new samples |
+//! | `rec-bench/<instance>/demand` | event | stop, emergency stop: [`crate::demand`] |
 //!
 //! Whoever comes first creates a service and fixes its sizes.
 
@@ -56,6 +57,12 @@ pub enum LinkError {
     /// Another service publishes under this name.
     #[error("instance {instance:?} is in use by another running service; end that one or choose another instance")]
     InUse {
+        /// Name of the instance.
+        instance: String,
+    },
+    /// Nobody publishes under this name.
+    #[error("instance {instance:?}: no running service of this name listens; check the name, `bench run --instance NAME` sets it")]
+    Nobody {
         /// Name of the instance.
         instance: String,
     },
@@ -203,7 +210,7 @@ impl Link {
     }
 }
 
-fn validate_instance(instance: &str) -> Result<(), LinkError> {
+pub(crate) fn validate_instance(instance: &str) -> Result<(), LinkError> {
     let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
     if (1..=INSTANCE_MAX_LEN).contains(&instance.len()) && instance.chars().all(allowed) {
         Ok(())
@@ -213,7 +220,7 @@ fn validate_instance(instance: &str) -> Result<(), LinkError> {
 }
 
 /// The transport tells on the console what it also returns as an error. `IOX2_LOG_LEVEL` still opens it up.
-fn quieten() {
+pub(crate) fn quieten() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| set_log_level_from_env_or(LogLevel::Fatal));
 }
