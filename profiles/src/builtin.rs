@@ -20,6 +20,13 @@ pub const BUILTIN: &[(&str, &str)] = &[
     ("random_b.toml", include_str!("../random_b.toml")),
 ];
 
+/// Scripts beyond the campaign, which show what the language can do: file name and text.
+pub const EXAMPLES: &[(&str, &str)] = &[
+    ("angle_sine.toml", include_str!("../angle_sine.toml")),
+    ("pressure_steps.toml", include_str!("../pressure_steps.toml")),
+    ("multisine.toml", include_str!("../multisine.toml")),
+];
+
 /// The built-in scripts, parsed, in the order of [`BUILTIN`].
 ///
 /// # Errors
@@ -28,11 +35,11 @@ pub fn builtin() -> Result<Vec<Script>, ScriptError> {
     BUILTIN.iter().map(|(file, text)| Script::parse(text, file)).collect()
 }
 
-/// Why scripts could not be loaded from a folder.
+/// Why scripts could not be loaded from files.
 #[derive(Debug, thiserror::Error)]
 pub enum LoadError {
     /// The folder or a file in it could not be read.
-    #[error("{path}: {source}: expected a readable folder of scripts (*.toml)")]
+    #[error("{path}: {source}: expected a readable script (*.toml) or folder of scripts")]
     Read {
         /// What was to be read.
         path: PathBuf,
@@ -80,8 +87,7 @@ pub fn load_folder(folder: &Path) -> Result<Vec<Script>, LoadError> {
     files.sort();
     let mut scripts: Vec<Script> = Vec::with_capacity(files.len());
     for path in files {
-        let text = std::fs::read_to_string(&path).map_err(read_error(&path))?;
-        let script = Script::parse(&text, &path.display().to_string())?;
+        let script = Script::read(&path)?;
         if let Some(first) = scripts.iter().find(|first| first.name == script.name) {
             return Err(LoadError::DuplicateName { name: script.name, first: first.file.clone(), second: script.file });
         }

@@ -1,28 +1,19 @@
 //! Binds a script to a rig and a seed: voltages in volts, durations in ticks, random steps drawn.
 
+use crate::controlled::Controlled;
 use crate::error::ScriptError;
-use crate::playback::{Instruction, Jump, Playback};
-use crate::script::{Context, Drive, End, FixtureChange, Item, ItemKind, RandomSteps, Script};
+use crate::playback::{Aim, Instruction, Jump, Playback};
+use crate::script::{Context, Drive, End, FixtureChange, Item, ItemKind, RandomSteps, RandomWave, Script, Wave};
+use crate::signal::Signal;
+use crate::values::{ticks, ticks_at_least};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rt_core::{PERIOD_NS, Target};
-
-/// Nearest whole number of ticks, at least one.
-fn ticks(seconds: f64) -> u64 {
-    ((seconds * 1e9 / PERIOD_NS as f64).round() as u64).max(1)
-}
-
-/// The first whole number of ticks that is not below.
-pub(crate) fn ticks_at_least(seconds: f64) -> u64 {
-    ((seconds * 1e9 / PERIOD_NS as f64).ceil() as u64).max(1)
-}
 
 /// Unrolls the script into instructions.
 pub(crate) fn playback(script: &Script, context: &Context) -> Result<Playback, ScriptError> {
-    let error = |line, what| ScriptError { file: script.file.clone(), line, what };
     if !(context.u_max_v.is_finite() && context.u_max_v > 0.0) {
         let what = format!("the rig's largest voltage must be a finite number above 0 V, got {}", context.u_max_v);
-        return Err(error(1, what));
+        return Err(ScriptError { file: script.file.clone(), line: 1, what });
     }
     let mut instructions = Vec::with_capacity(script.items.len());
     let mut first_of_item = Vec::with_capacity(script.items.len() + 1);
@@ -35,14 +26,10 @@ pub(crate) fn playback(script: &Script, context: &Context) -> Result<Playback, S
                     End::Until { any, timeout_s } => (ticks(*timeout_s), any.clone(), false),
                     End::Arrival { any, bound_s } => (ticks_at_least(*bound_s), any.clone(), true),
                 };
+                let aim = hold.change.drive.as_ref().map(|drive| aim(drive, script, context, item.line)).transpose()?;
                 instructions.push(Instruction {
                     jumps: Vec::new(),
-                    target: hold
-                        .change
-                        .drive
-                        .map(|drive| target(drive, context))
-                        .transpose()
-                        .map_err(|what| error(item.line, what))?,
+                    aim,
                     brake_open: hold.change.brake_open,
                     bypass_open: hold.change.bypass_open,
                     fixture: hold.change.fixture,
@@ -53,8 +40,8 @@ pub(crate) fn playback(script: &Script, context: &Context) -> Result<Playback, S
                     guard_deg: None,
                 });
             }
-            ItemKind::Random { index, steps } => {
-                random(&mut instructions, steps, context, &mut stream(script, context, *index));
+            ItemKind::Random { stream, steps } => {
+                random(&mut instructions, steps, context, &mut generator(script, context, *stream));
             }
         }
     }
@@ -66,50 +53,83 @@ pub(crate) fn playback(script: &Script, context: &Context) -> Result<Playback, S
     Ok(Playback::new(script.start, instructions))
 }
 
-fn target(drive: Drive, context: &Context) -> Result<Target, String> {
-    match drive {
-        Drive::VoltageUMax(share) => Ok(Target::VoltageV(share * context.u_max_v)),
-        Drive::VoltageV(voltage_v) if voltage_v.abs() <= context.u_max_v => Ok(Target::VoltageV(voltage_v)),
-        Drive::VoltageV(voltage_v) => Err(format!(
-            "`voltage_v` = {voltage_v} V exceeds the rig's largest voltage of {} V: lower it, or use `voltage_u_max`",
-            context.u_max_v
-        )),
-        Drive::FlowMlS(flow_ml_s) => Ok(Target::FlowMlS(flow_ml_s)),
+fn aim(drive: &Drive, script: &Script, context: &Context, line: usize) -> Result<Aim, ScriptError> {
+    let u_max_v = context.u_max_v;
+    let (least, most) = drive.wave.range();
+    if drive.quantity == Controlled::VoltageV
+        && let Some(voltage_v) = [most, least].into_iter().find(|voltage_v| voltage_v.abs() > u_max_v)
+    {
+        let row = match &drive.wave {
+            Wave::Fixed(Signal::Table { table, .. }) => table.rows().iter().find(|row| row.value == voltage_v),
+            _ => None,
+        };
+        let place = row.map_or(String::new(), |row| format!(" (line {} of its file)", row.line));
+        let what = format!(
+            "`voltage_v` reaches {voltage_v} V{place}, beyond the rig's largest voltage of {u_max_v} V: lower it, or use \
+             `voltage_u_max`"
+        );
+        return Err(ScriptError { file: script.file.clone(), line, what });
     }
+    Ok(Aim {
+        quantity: drive.quantity,
+        gain: if drive.quantity == Controlled::VoltageUMax { u_max_v } else { 1.0 },
+        signal: match &drive.wave {
+            Wave::Fixed(signal) => signal.clone(),
+            Wave::Random(wave) => random_wave(wave, &mut generator(script, context, wave.stream)),
+        },
+    })
 }
 
-/// The random stream of one block: the seed and the script's name choose it, the block's number its stream.
-fn stream(script: &Script, context: &Context, block: u64) -> ChaCha8Rng {
+/// The generator of one block or wave: the seed and the script's name choose it, the number its stream.
+fn generator(script: &Script, context: &Context, stream: u64) -> ChaCha8Rng {
     // FNV-1a, 64 bit: fixed for ever, unlike the standard library's hasher.
     let name = script
         .name
         .bytes()
         .fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3));
     let mut rng = ChaCha8Rng::seed_from_u64(context.seed ^ name);
-    rng.set_stream(block);
+    rng.set_stream(stream);
     rng
+}
+
+fn random_wave(wave: &RandomWave, rng: &mut ChaCha8Rng) -> Signal {
+    let mut steps = Vec::new();
+    let mut begins = 0;
+    while begins < wave.ticks {
+        let value = rng.random_range(wave.range[0]..=wave.range[1]);
+        let length = length(rng, wave.length_s, wave.ticks - begins);
+        steps.push((begins, value));
+        begins += length;
+    }
+    Signal::Steps(steps.into())
+}
+
+/// Draws the length of a step. What would be left behind it and is shorter than any step goes to it.
+fn length(rng: &mut ChaCha8Rng, length_s: [f64; 2], left: u64) -> u64 {
+    let length = ticks(rng.random_range(length_s[0]..=length_s[1]));
+    if length + ticks(length_s[0]) > left { left } else { length }
 }
 
 fn random(instructions: &mut Vec<Instruction>, steps: &RandomSteps, context: &Context, rng: &mut ChaCha8Rng) {
     let total = ticks(steps.total_s);
-    let shortest = ticks(steps.length_s[0]);
     let mut done = 0;
     while done < total {
         // Every step draws the same five numbers, so that a changed share shifts none of the others.
-        let length_s = rng.random_range(steps.length_s[0]..=steps.length_s[1]);
+        let length = length(rng, steps.length_s, total - done);
         let size = rng.random_range(steps.voltage_u_max[0]..=steps.voltage_u_max[1]);
         let sign = if rng.random::<bool>() { 1.0 } else { -1.0 };
         let zero = rng.random::<f64>() < steps.zero_share;
         let valves = rng.random::<f64>();
-        let left = total - done;
-        let length = ticks(length_s);
-        // What would be left behind this step and is shorter than a step goes to it.
-        let length = if length + shortest > left { left } else { length };
         let brake_closed = valves < steps.brake_closed_share;
         let bypass_open = !brake_closed && valves < steps.brake_closed_share + steps.bypass_open_share;
+        let share = if zero { 0.0 } else { sign * size };
         instructions.push(Instruction {
             jumps: Vec::new(),
-            target: Some(Target::VoltageV(if zero { 0.0 } else { sign * size * context.u_max_v })),
+            aim: Some(Aim {
+                quantity: Controlled::VoltageUMax,
+                gain: context.u_max_v,
+                signal: Signal::Constant(share),
+            }),
             brake_open: Some(!brake_closed),
             bypass_open: Some(bypass_open),
             fixture: None::<FixtureChange>,

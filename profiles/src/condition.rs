@@ -1,6 +1,6 @@
 //! Conditions on measured channels: what a hold waits for.
 
-use rt_core::{Measurement, PERIOD_NS};
+use rt_core::{Measurement, PERIOD_NS, Tick};
 use serde::Deserialize;
 
 /// A measured channel that a condition may look at.
@@ -56,6 +56,8 @@ struct Filter {
     first: f64,
     second: f64,
     seen_s: f64,
+    /// The first tick that it does not know of.
+    until_tick: u64,
 }
 
 /// The filters have forgotten their start after this many time constants (their error is below 5 % of the first step).
@@ -66,8 +68,8 @@ impl Condition {
         Condition { channel, limit, filter: None }
     }
 
-    /// Looks at this tick's measurement. To be called once a tick while the condition is waited for.
-    pub fn met(&mut self, measured: &Measurement) -> bool {
+    /// Looks at this tick's measurement; to be called at every tick that is run while the condition is waited for.
+    pub fn met(&mut self, now: Tick, measured: &Measurement) -> bool {
         let value = self.channel.of(measured);
         if value.is_nan() {
             return false;
@@ -76,12 +78,14 @@ impl Condition {
             Limit::Above(limit) => value > limit,
             Limit::Below(limit) => value < limit,
             Limit::RateBelow { per_s, window_s } => {
-                let period_s = PERIOD_NS as f64 * 1e-9;
-                let gain = period_s / (window_s + period_s);
-                let filter = self.filter.get_or_insert(Filter { first: value, second: value, seen_s: 0.0 });
+                let begin = Filter { first: value, second: value, seen_s: 0.0, until_tick: now.index };
+                let filter = self.filter.get_or_insert(begin);
+                let passed_s = (now.index + 1).saturating_sub(filter.until_tick) as f64 * (PERIOD_NS as f64 * 1e-9);
+                let gain = passed_s / (window_s + passed_s);
                 filter.first += gain * (value - filter.first);
                 filter.second += gain * (filter.first - filter.second);
-                filter.seen_s += period_s;
+                filter.seen_s += passed_s;
+                filter.until_tick = now.index + 1;
                 filter.seen_s >= WINDOWS_BEFORE_STEADY * window_s
                     && (filter.first - filter.second).abs() < per_s * window_s
             }
@@ -103,7 +107,7 @@ mod tests {
             let mut condition = Condition::new(Channel::AngleDeg, Limit::RateBelow { per_s: 1.0, window_s: 0.2 });
             let mut met_at = None;
             for k in 0..5000 {
-                if condition.met(&angle(7.0 + slope_per_s * k as f64 * 1e-3)) && met_at.is_none() {
+                if condition.met(Tick::at(k), &angle(7.0 + slope_per_s * k as f64 * 1e-3)) && met_at.is_none() {
                     met_at = Some(k);
                 }
             }
@@ -116,7 +120,7 @@ mod tests {
     fn a_channel_that_is_not_measured_meets_nothing() {
         for limit in [Limit::Above(-1e9), Limit::Below(1e9), Limit::RateBelow { per_s: 1e9, window_s: 1e-3 }] {
             let mut condition = Condition::new(Channel::TorqueNm, limit);
-            assert!((0..100).all(|_| !condition.met(&angle(0.0))));
+            assert!((0..100).all(|k| !condition.met(Tick::at(k), &angle(0.0))));
         }
     }
 }

@@ -3,16 +3,21 @@
 
 use crate::error::{ScriptError, Source};
 use crate::raw::{FixtureName, Lists, RawRandom, RawScript, RawStart, RawStep, Valve};
-use crate::script::{ANGLE_LIMIT_DEG, Change, End, FixtureChange, Hold, Item, ItemKind, Script, Skip, State};
+use crate::script::{
+    ANGLE_LIMIT_DEG, Change, Drive, End, FixtureChange, Hold, Item, ItemKind, Script, Skip, State, Wave,
+};
+use crate::table::Tables;
+use crate::target::Prepared;
 use crate::values::{FixtureKeys, Reader, TICK_S, Variable};
-use rt_core::{Fixture, Target};
+use rt_core::{Fixture, OverrunPolicy};
 use std::ops::Range;
 use toml::Spanned;
 
 /// More unrolled steps than this are taken for a mistake in a loop.
 const MAX_ITEMS: usize = 100_000;
+
 /// Checks and unrolls a whole script.
-pub(crate) fn script(raw: RawScript, source: &Source) -> Result<Script, ScriptError> {
+pub(crate) fn script(raw: &RawScript, source: &Source, tables: &Tables) -> Result<Script, ScriptError> {
     let name = raw.name.get_ref();
     if !is_identifier(name) {
         return Err(source.error(
@@ -20,13 +25,21 @@ pub(crate) fn script(raw: RawScript, source: &Source) -> Result<Script, ScriptEr
             format!("`name` must be one or more of a-z, 0-9 and _ (it names the run's file), got {name:?}"),
         ));
     }
-    let (start, fill_bar) = start(&raw.start, source)?;
+    let overrun = match &raw.overrun {
+        Some(word) => {
+            word.get_ref().parse().map_err(|what| source.error(word.span().start, format!("`overrun`: {what}")))?
+        }
+        None => OverrunPolicy::default(),
+    };
+    let prepared = Prepared::new(tables);
+    let (start, fill_bar) = start(&raw.start, source, &prepared)?;
     let mut expansion = Expansion {
         source,
+        prepared: &prepared,
         items: Vec::new(),
         variables: Vec::new(),
         commanded_deg: commanded_by(&start.fixture),
-        random_blocks: 0,
+        random_streams: 0,
     };
     expansion.steps(&raw.step)?;
     if expansion.items.is_empty() {
@@ -37,8 +50,10 @@ pub(crate) fn script(raw: RawScript, source: &Source) -> Result<Script, ScriptEr
         protocol: raw.protocol,
         role: raw.role,
         plane: raw.plane,
-        about: raw.about.unwrap_or_default(),
+        about: raw.about.clone().unwrap_or_default(),
         fill_bar,
+        overrun,
+        text: source.text.to_owned(),
         file: source.file.to_owned(),
         start,
         items: expansion.items,
@@ -49,10 +64,10 @@ fn is_identifier(name: &str) -> bool {
     !name.is_empty() && name.bytes().all(|b| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'_')
 }
 
-fn start(raw: &Spanned<RawStart>, source: &Source) -> Result<(State, Option<f64>), ScriptError> {
+fn start(raw: &Spanned<RawStart>, source: &Source, prepared: &Prepared) -> Result<(State, Option<f64>), ScriptError> {
     let start = raw.get_ref();
     // No loop encloses [start], so no variable is in scope.
-    let reader = Reader { source, variables: &[] };
+    let reader = Reader { source, variables: &[], prepared };
     let name = *start.fixture.get_ref();
     if matches!(name, FixtureName::Driven | FixtureName::Released) {
         return Err(source.error(
@@ -75,12 +90,7 @@ fn start(raw: &Spanned<RawStart>, source: &Source) -> Result<(State, Option<f64>
         FixtureChange::Ramp { .. } => unreachable!("only `driven` is a ramp; refused above"),
     };
     let fill_bar = start.fill_bar.as_ref().map(|q| reader.pressure("fill_bar", q)).transpose()?;
-    let state = State {
-        target: Target::VoltageV(0.0),
-        brake_open: start.brake == Valve::Open,
-        bypass_open: start.bypass == Valve::Open,
-        fixture,
-    };
+    let state = State { brake_open: start.brake == Valve::Open, bypass_open: start.bypass == Valve::Open, fixture };
     Ok((state, fill_bar))
 }
 
@@ -99,15 +109,16 @@ fn commanded_by(fixture: &Fixture) -> AngleRange {
 
 struct Expansion<'a> {
     source: &'a Source<'a>,
+    prepared: &'a Prepared<'a>,
     items: Vec<Item>,
     variables: Vec<Variable>,
     commanded_deg: AngleRange,
-    random_blocks: u64,
+    random_streams: u64,
 }
 
 impl Expansion<'_> {
     fn reader(&self) -> Reader<'_> {
-        Reader { source: self.source, variables: &self.variables }
+        Reader { source: self.source, variables: &self.variables, prepared: self.prepared }
     }
 
     fn steps(&mut self, steps: &[Spanned<RawStep>]) -> Result<(), ScriptError> {
@@ -231,8 +242,8 @@ impl Expansion<'_> {
             return Err(self.source.error(offset, "`random` has neither inner steps nor `stop_when`"));
         }
         let steps = self.reader().random(random.get_ref())?;
-        let kind = ItemKind::Random { index: self.random_blocks, steps };
-        self.random_blocks += 1;
+        let kind = ItemKind::Random { stream: self.random_streams, steps };
+        self.random_streams += 1;
         self.items.push(Item { line: self.source.line(offset), skips: Vec::new(), kind });
         Ok(())
     }
@@ -245,7 +256,8 @@ impl Expansion<'_> {
             return Err(self.source.error(offset, "inner steps need `repeat` or `for_each` in the step around them"));
         }
         let reader = self.reader();
-        let drive = reader.drive(raw)?;
+        let drive = reader.drive(raw, self.random_streams)?;
+        let draws = matches!(&drive, Some(Drive { wave: Wave::Random(_), .. }));
         let keys = FixtureKeys {
             angle_deg: raw.angle_deg.as_ref(),
             rate_deg_s: raw.rate_deg_s.as_ref(),
@@ -286,6 +298,7 @@ impl Expansion<'_> {
             (None, Some(FixtureChange::To(fixed))) => self.commanded_deg = commanded_by(&fixed),
             (None, _) => {}
         }
+        self.random_streams += u64::from(draws);
         let new_segment = raw.new_segment.as_ref().is_none_or(|value| *value.get_ref());
         let hold = Hold { change, end, new_segment };
         self.items.push(Item { line: self.source.line(offset), skips: Vec::new(), kind: ItemKind::Hold(hold) });

@@ -54,14 +54,18 @@
 mod builtin;
 mod compile;
 mod condition;
+mod controlled;
 mod error;
 mod expand;
 mod playback;
 mod raw;
 mod script;
+mod signal;
+mod table;
+mod target;
 mod values;
 
-pub use builtin::{BUILTIN, LoadError, builtin, load_folder};
+pub use builtin::{BUILTIN, EXAMPLES, LoadError, builtin, load_folder};
 pub use condition::Channel;
 pub use error::ScriptError;
 pub use playback::Playback;

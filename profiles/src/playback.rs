@@ -1,8 +1,10 @@
-//! Plays a compiled script: one step a tick, decided by the tick and the measurement alone.
+//! Plays a compiled script: one step a tick, decided by the tick's number and the measurement alone.
 
-use crate::compile::ticks_at_least;
 use crate::condition::Condition;
+use crate::controlled::Controlled;
 use crate::script::{FixtureChange, State};
+use crate::signal::Signal;
+use crate::values::ticks_at_least;
 use rt_core::{Fixture, Measurement, Reference, Step, Target, Tick};
 
 /// One hold, ready to play. It is played at most once, so its conditions keep their state in place.
@@ -10,7 +12,7 @@ use rt_core::{Fixture, Measurement, Reference, Step, Target, Tick};
 pub(crate) struct Instruction {
     /// Looked at before it begins.
     pub jumps: Vec<Jump>,
-    pub target: Option<Target>,
+    pub aim: Option<Aim>,
     pub brake_open: Option<bool>,
     pub bypass_open: Option<bool>,
     pub fixture: Option<FixtureChange>,
@@ -25,6 +27,14 @@ pub(crate) struct Instruction {
     pub guard_deg: Option<f64>,
 }
 
+/// What is controlled, and the wave that it follows, times a gain.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Aim {
+    pub quantity: Controlled,
+    pub gain: f64,
+    pub signal: Signal,
+}
+
 /// Where a loop is left.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Jump {
@@ -32,6 +42,20 @@ pub(crate) struct Jump {
     pub to: usize,
 }
 
+/// The aim in force.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct InForce {
+    /// The instruction that set it; `None`: 0 V, as the run starts.
+    setter: Option<usize>,
+    /// The tick at which it began.
+    since: u64,
+    /// Where a ramp without a start of its own sets out.
+    begin: f64,
+    /// The guard changed its sign.
+    turned: bool,
+}
+
+/// The lever's ramp under a `driven` fixture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Ramp {
     from_deg: f64,
@@ -40,18 +64,22 @@ struct Ramp {
 }
 
 impl Ramp {
-    fn angle_deg(&self, seconds: f64) -> f64 {
+    fn fixture(&self, ticks: u64) -> Fixture {
         let way_deg = self.to_deg - self.from_deg;
-        let done_deg = self.rate_deg_s * seconds;
-        if done_deg >= way_deg.abs() { self.to_deg } else { self.from_deg + done_deg.copysign(way_deg) }
+        let done_deg = self.rate_deg_s * Tick::at(ticks).seconds();
+        let arrived = done_deg >= way_deg.abs();
+        Fixture::Driven { angle_deg: if arrived { self.to_deg } else { self.from_deg + done_deg.copysign(way_deg) } }
     }
 }
 
 /// A script bound to a rig and a seed. The same measurements at the same ticks give the same steps; a tick allocates nothing.
 ///
-/// A run of fixed durations of together N ticks is ticks 0 ..= N-1, the last of them with `last` set. Where the last hold
-/// waits for a condition, or a loop at the end is left early, one more tick repeats the last step with `last` set. After
-/// that the last step is repeated for ever.
+/// A run begins at tick 0. One of fixed durations of together N ticks is ticks 0 ..= N-1, the last of them with `last` set.
+/// Where the last hold waits for a condition, or a loop at the end is left early, one more tick repeats the last step with
+/// `last` set. After that the last step is repeated for ever.
+///
+/// Ticks may be left out. A hold whose time has passed meanwhile ended when it was due and its changes are applied, in order;
+/// waves go by the tick's number. Conditions see the measurements of the ticks that are played, and their times.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Playback {
     instructions: Vec<Instruction>,
@@ -59,19 +87,32 @@ pub struct Playback {
     position: Position,
     /// Segment of the current instruction; `None` before the first.
     segment: Option<u32>,
+    aim: InForce,
     ramp: Option<Ramp>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Position {
     Before,
-    At { index: usize, since: u64, ticks: u64 },
-    Finished,
+    At {
+        index: usize,
+        since: u64,
+        ticks: u64,
+        /// A tick of it was played.
+        played: bool,
+    },
+    Finished {
+        /// The last instruction that was in force.
+        index: usize,
+        /// The last tick at which it was.
+        at: u64,
+    },
 }
 
 impl Playback {
     pub(crate) fn new(start: State, instructions: Vec<Instruction>) -> Self {
-        Playback { instructions, state: start, position: Position::Before, segment: None, ramp: None }
+        let aim = InForce { setter: None, since: 0, begin: 0.0, turned: false };
+        Playback { instructions, state: start, position: Position::Before, segment: None, aim, ramp: None }
     }
 
     /// Ticks that the run lasts at most.
@@ -79,12 +120,54 @@ impl Playback {
         self.instructions.iter().map(|instruction| instruction.ticks).sum()
     }
 
+    /// Brings the position up to this tick.
+    fn advance(&mut self, now: Tick, measured: &Measurement) {
+        // Each pass goes on by an instruction of at least one tick, so there are no more than ticks were left out.
+        loop {
+            let (next, begins) = match self.position {
+                Position::Finished { .. } => return,
+                Position::Before => (0, 0),
+                Position::At { index, since, ticks, .. } => {
+                    // Every condition sees every tick: no short cut, their filters would miss it.
+                    let conditions = &mut self.instructions[index].any;
+                    let met = conditions.iter_mut().fold(false, |met, c| c.met(now, measured) | met);
+                    if now.index >= since + ticks {
+                        (index + 1, since + ticks)
+                    } else if met {
+                        (index + 1, now.index)
+                    } else {
+                        return;
+                    }
+                }
+            };
+            self.leave(begins);
+            match self.follow(next, now, measured) {
+                Some(index) => self.enter(index, begins, measured),
+                None => {
+                    let index = if let Position::At { index, .. } = self.position { index } else { 0 };
+                    self.position = Position::Finished { index, at: begins.saturating_sub(1) };
+                }
+            }
+            // A hold lasts a tick at least: it does not end at the one at which it begins.
+            if begins >= now.index {
+                return;
+            }
+        }
+    }
+
+    /// The current instruction is over before tick `ends`: its ramp stays where it was by then.
+    fn leave(&mut self, ends: u64) {
+        if let (Some(ramp), Position::At { since, .. }) = (self.ramp.take(), self.position) {
+            self.state.fixture = ramp.fixture(ends.saturating_sub(since + 1));
+        }
+    }
+
     /// The instruction that follows, with the loops that end here left behind.
-    fn follow(&mut self, mut index: usize, measured: &Measurement) -> Option<usize> {
+    fn follow(&mut self, mut index: usize, now: Tick, measured: &Measurement) -> Option<usize> {
         // A jump goes forward only, so this ends.
         while let Some(instruction) = self.instructions.get_mut(index) {
             let mut jumps = instruction.jumps.iter_mut();
-            match jumps.find_map(|jump| jump.when.iter_mut().any(|c| c.met(measured)).then_some(jump.to)) {
+            match jumps.find_map(|jump| jump.when.iter_mut().any(|c| c.met(now, measured)).then_some(jump.to)) {
                 Some(to) => index = to,
                 None => return Some(index),
             }
@@ -92,22 +175,30 @@ impl Playback {
         None
     }
 
-    fn enter(&mut self, index: usize, now: Tick, measured: &Measurement) {
+    fn enter(&mut self, index: usize, begins: u64, measured: &Measurement) {
+        let in_force = self.target(begins);
         let instruction = &self.instructions[index];
+        if let Some(Aim { quantity, gain, signal }) = &instruction.aim {
+            let begin = match signal {
+                // Where the start is not measured there is no way to go: it is at its end at once.
+                Signal::Ramp { from: None, to, .. } => {
+                    quantity.begin(in_force, measured).map_or(*to, |value| value / gain)
+                }
+                _ => 0.0,
+            };
+            self.aim = InForce { setter: Some(index), since: begins, begin, turned: false };
+        }
         let state = &mut self.state;
-        state.target = instruction.target.unwrap_or(state.target);
         state.brake_open = instruction.brake_open.unwrap_or(state.brake_open);
         state.bypass_open = instruction.bypass_open.unwrap_or(state.bypass_open);
         let mut ticks = instruction.ticks;
-        self.ramp = None;
         match instruction.fixture {
             Some(FixtureChange::To(fixture)) => state.fixture = fixture,
             Some(FixtureChange::Ramp { to_deg, rate_deg_s }) => {
                 let from_deg = commanded_deg(&state.fixture)
                     .or(Some(measured.angle_deg).filter(|angle| angle.is_finite()))
                     .unwrap_or(to_deg);
-                let ramp = Ramp { from_deg, to_deg, rate_deg_s };
-                self.ramp = Some(ramp);
+                self.ramp = Some(Ramp { from_deg, to_deg, rate_deg_s });
                 if instruction.on_arrival {
                     ticks = ticks.min(ticks_at_least((to_deg - from_deg).abs() / rate_deg_s) + 1);
                 }
@@ -118,37 +209,30 @@ impl Playback {
             None => 0,
             Some(segment) => segment + u32::from(instruction.new_segment),
         });
-        self.position = Position::At { index, since: now.index, ticks };
+        self.position = Position::At { index, since: begins, ticks, played: false };
     }
 
-    /// Goes on where the current instruction is over.
-    fn advance(&mut self, now: Tick, measured: &Measurement) {
-        let next = match self.position {
-            Position::Finished => return,
-            Position::Before => 0,
-            Position::At { index, since, ticks } => {
-                // Every condition sees every tick: no short cut, their filters would miss it.
-                let met = self.instructions[index].any.iter_mut().fold(false, |met, c| c.met(measured) | met);
-                if !met && now.index - since < ticks {
-                    return;
-                }
-                index + 1
+    /// The target in force at this tick.
+    fn target(&self, tick: u64) -> Target {
+        let InForce { setter, since, begin, turned } = self.aim;
+        match setter.and_then(|index| self.instructions[index].aim.as_ref()) {
+            Some(Aim { quantity, gain, signal }) => {
+                let point = signal.at(tick.saturating_sub(since), begin);
+                let gain = if turned { -gain } else { *gain };
+                quantity.target(gain * point.value, gain * point.rate_per_s)
             }
-        };
-        match self.follow(next, measured) {
-            Some(index) => self.enter(index, now, measured),
-            None => self.position = Position::Finished,
+            None => Target::VoltageV(0.0),
         }
     }
 
-    /// Turns an outward voltage round; within a hold that is a new set point.
-    fn guard(&mut self, guard_deg: f64, begins: bool, measured: &Measurement) {
-        if let Target::VoltageV(voltage_v) = self.state.target
+    /// Turns an outward voltage round; where the hold was played before, that is a new set point.
+    fn guard(&mut self, guard_deg: f64, now: Tick, played: bool, measured: &Measurement) {
+        if let Target::VoltageV(voltage_v) = self.target(now.index)
             && measured.angle_deg.abs() >= guard_deg
             && measured.angle_deg * voltage_v > 0.0
         {
-            self.state.target = Target::VoltageV(-voltage_v);
-            if !begins {
+            self.aim.turned = !self.aim.turned;
+            if played {
                 self.segment = self.segment.map(|segment| segment + 1);
             }
         }
@@ -158,25 +242,23 @@ impl Playback {
 impl Reference for Playback {
     fn step(&mut self, now: Tick, measured: &Measurement) -> Step {
         self.advance(now, measured);
-        let mut last = true;
-        if let Position::At { index, since, ticks } = self.position {
-            let elapsed = now.index - since;
-            if let Some(guard_deg) = self.instructions[index].guard_deg {
-                self.guard(guard_deg, elapsed == 0, measured);
+        let (index, tick, last) = match self.position {
+            Position::Before => (0, now.index, false),
+            Position::At { index, since, ticks, played } => {
+                if let Some(guard_deg) = self.instructions[index].guard_deg {
+                    self.guard(guard_deg, now, played, measured);
+                }
+                if let Some(ramp) = &self.ramp {
+                    self.state.fixture = ramp.fixture(now.index.saturating_sub(since));
+                }
+                self.position = Position::At { index, since, ticks, played: true };
+                let ends = index + 1 == self.instructions.len() && self.instructions[index].any.is_empty();
+                (index, now.index, ends && now.index + 1 >= since + ticks)
             }
-            if let Some(ramp) = &self.ramp {
-                let seconds = Tick::at(elapsed).seconds();
-                self.state.fixture = Fixture::Driven { angle_deg: ramp.angle_deg(seconds) };
-            }
-            last =
-                index + 1 == self.instructions.len() && self.instructions[index].any.is_empty() && elapsed + 1 >= ticks;
-        }
-        let State { target, brake_open, bypass_open, fixture } = self.state;
-        let index = match self.position {
-            Position::Before => 0,
-            Position::At { index, .. } => index,
-            Position::Finished => self.instructions.len().saturating_sub(1),
+            Position::Finished { index, at } => (index, at, true),
         };
+        let target = self.target(tick);
+        let State { brake_open, bypass_open, fixture } = self.state;
         let segment = self.segment.unwrap_or(0);
         Step { target, brake_open, bypass_open, fixture, segment, index: index as u32, last }
     }

@@ -1,7 +1,10 @@
 //! The shape of a script as TOML, before any meaning is given to it. Every value keeps its place in the text.
 
 use crate::condition::Channel;
+use crate::controlled::Controlled;
 use crate::script::{Plane, Protocol, Role};
+use crate::signal::Sweep;
+use crate::table::Interpolation;
 use serde::Deserialize;
 use serde::de::{self, Visitor};
 use std::collections::BTreeMap;
@@ -16,6 +19,8 @@ pub(crate) struct RawScript {
     pub role: Role,
     pub plane: Plane,
     pub about: Option<String>,
+    pub overrun: Option<Spanned<String>>,
+    pub files: Option<BTreeMap<String, String>>,
     pub start: Spanned<RawStart>,
     #[serde(default)]
     pub step: Vec<Spanned<RawStep>>,
@@ -47,6 +52,7 @@ pub(crate) struct RawStep {
     pub voltage_v: Option<Spanned<Quantity>>,
     pub voltage_u_max: Option<Spanned<Quantity>>,
     pub flow_ml_s: Option<Spanned<Quantity>>,
+    pub target: Option<Spanned<RawTarget>>,
     pub brake: Option<Spanned<Valve>>,
     pub bypass: Option<Spanned<Valve>>,
     pub fixture: Option<Spanned<FixtureName>>,
@@ -61,16 +67,18 @@ pub(crate) struct RawStep {
     pub new_segment: Option<Spanned<bool>>,
 }
 
+fn at<T>(value: &Option<Spanned<T>>) -> Option<Range<usize>> {
+    value.as_ref().map(Spanned::span)
+}
+
 impl RawStep {
     /// The keys of a hold that this step carries, with their places.
     pub fn hold_keys(&self) -> impl Iterator<Item = (&'static str, Range<usize>)> {
-        fn at<T>(value: &Option<Spanned<T>>) -> Option<Range<usize>> {
-            value.as_ref().map(Spanned::span)
-        }
         [
             ("voltage_v", at(&self.voltage_v)),
             ("voltage_u_max", at(&self.voltage_u_max)),
             ("flow_ml_s", at(&self.flow_ml_s)),
+            ("target", at(&self.target)),
             ("brake", at(&self.brake)),
             ("bypass", at(&self.bypass)),
             ("fixture", at(&self.fixture)),
@@ -86,6 +94,108 @@ impl RawStep {
         ]
         .into_iter()
         .filter_map(|(name, span)| span.map(|span| (name, span)))
+    }
+}
+
+/// Either one quantity with its value, or `quantity` and `wave` with the wave's keys.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawTarget {
+    pub voltage_v: Option<Spanned<Quantity>>,
+    pub voltage_u_max: Option<Spanned<Quantity>>,
+    pub flow_ml_s: Option<Spanned<Quantity>>,
+    pub pressure1_bar: Option<Spanned<Quantity>>,
+    pub pressure2_bar: Option<Spanned<Quantity>>,
+    pub pressure_difference_bar: Option<Spanned<Quantity>>,
+    pub angle_deg: Option<Spanned<Quantity>>,
+    pub quantity: Option<Controlled>,
+    pub wave: Option<WaveName>,
+    pub value: Option<Spanned<Quantity>>,
+    pub from: Option<Spanned<Quantity>>,
+    pub to: Option<Spanned<Quantity>>,
+    pub rate_per_s: Option<Spanned<Quantity>>,
+    pub mean: Option<Spanned<Quantity>>,
+    pub amplitude: Option<Spanned<Quantity>>,
+    pub frequency_hz: Option<Spanned<Quantity>>,
+    pub phase_deg: Option<Spanned<Quantity>>,
+    pub from_hz: Option<Spanned<Quantity>>,
+    pub to_hz: Option<Spanned<Quantity>>,
+    pub sweep: Option<Spanned<Sweep>>,
+    pub frequencies_hz: Option<Spanned<Vec<Spanned<Quantity>>>>,
+    pub band_hz: Option<Spanned<[Spanned<Quantity>; 2]>>,
+    pub period_s: Option<Spanned<Quantity>>,
+    pub range: Option<Spanned<[Spanned<Quantity>; 2]>>,
+    pub length_s: Option<Spanned<[Spanned<Quantity>; 2]>>,
+    pub file: Option<Spanned<String>>,
+    pub interpolation: Option<Spanned<Interpolation>>,
+}
+
+impl RawTarget {
+    /// The quantities that are given a value.
+    pub fn constants(&self) -> impl Iterator<Item = (Controlled, &Spanned<Quantity>)> {
+        [
+            (Controlled::VoltageV, &self.voltage_v),
+            (Controlled::VoltageUMax, &self.voltage_u_max),
+            (Controlled::FlowMlS, &self.flow_ml_s),
+            (Controlled::Pressure1Bar, &self.pressure1_bar),
+            (Controlled::Pressure2Bar, &self.pressure2_bar),
+            (Controlled::PressureDifferenceBar, &self.pressure_difference_bar),
+            (Controlled::AngleDeg, &self.angle_deg),
+        ]
+        .into_iter()
+        .filter_map(|(quantity, value)| value.as_ref().map(|value| (quantity, value)))
+    }
+
+    /// The keys of a wave that this target carries, with their places.
+    pub fn wave_keys(&self) -> impl Iterator<Item = (&'static str, Range<usize>)> {
+        [
+            ("value", at(&self.value)),
+            ("from", at(&self.from)),
+            ("to", at(&self.to)),
+            ("rate_per_s", at(&self.rate_per_s)),
+            ("mean", at(&self.mean)),
+            ("amplitude", at(&self.amplitude)),
+            ("frequency_hz", at(&self.frequency_hz)),
+            ("phase_deg", at(&self.phase_deg)),
+            ("from_hz", at(&self.from_hz)),
+            ("to_hz", at(&self.to_hz)),
+            ("sweep", at(&self.sweep)),
+            ("frequencies_hz", at(&self.frequencies_hz)),
+            ("band_hz", at(&self.band_hz)),
+            ("period_s", at(&self.period_s)),
+            ("range", at(&self.range)),
+            ("length_s", at(&self.length_s)),
+            ("file", at(&self.file)),
+            ("interpolation", at(&self.interpolation)),
+        ]
+        .into_iter()
+        .filter_map(|(name, span)| span.map(|span| (name, span)))
+    }
+}
+
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum WaveName {
+    Step,
+    Ramp,
+    Sine,
+    Chirp,
+    Multisine,
+    RandomSteps,
+    File,
+}
+
+impl WaveName {
+    pub fn as_str(self) -> &'static str {
+        match self {
+            WaveName::Step => "step",
+            WaveName::Ramp => "ramp",
+            WaveName::Sine => "sine",
+            WaveName::Chirp => "chirp",
+            WaveName::Multisine => "multisine",
+            WaveName::RandomSteps => "random-steps",
+            WaveName::File => "file",
+        }
     }
 }
 

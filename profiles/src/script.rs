@@ -1,13 +1,18 @@
 //! A checked script: what it is for, and its steps with loops unrolled.
 
+use crate::builtin::LoadError;
 use crate::compile;
 use crate::condition::Condition;
+use crate::controlled::Controlled;
 use crate::error::{ScriptError, Source};
 use crate::expand;
 use crate::playback::Playback;
 use crate::raw::RawScript;
-use rt_core::{Command, Fixture};
+use crate::signal::Signal;
+use crate::table::Tables;
+use rt_core::{Command, Fixture, OverrunPolicy};
 use serde::Deserialize;
+use std::path::Path;
 
 /// Largest angle, degrees either way, that a script may ask for: the range of the actuator with a little to spare.
 pub const ANGLE_LIMIT_DEG: f64 = 45.0;
@@ -107,23 +112,44 @@ pub struct Script {
     pub about: String,
     /// The operator's preparation: pressure of both chambers, bar absolute; `None` = as it is.
     pub fill_bar: Option<f64>,
+    /// What follows a missed deadline.
+    pub overrun: OverrunPolicy,
+    /// The script as text, with the tables that it was read with: parses to the same script wherever it is taken.
+    pub text: String,
     pub(crate) file: String,
     pub(crate) start: State,
     pub(crate) items: Vec<Item>,
 }
 
 impl Script {
-    /// Reads and checks a script. `file_name` is used in errors only.
+    /// Reads and checks a script. `file_name` is used in errors only. Tables of a wave are found in the text alone, under
+    /// `[files]`.
     ///
     /// # Errors
     /// Anything that is not the language: file, line, what was expected and what came.
     pub fn parse(text: &str, file_name: &str) -> Result<Script, ScriptError> {
+        Script::build(text, file_name, None)
+    }
+
+    /// Reads and checks a script with the tables beside it.
+    ///
+    /// # Errors
+    /// An unreadable file; anything that is not the language: file, line, what was expected and what came.
+    pub fn read(path: &Path) -> Result<Script, LoadError> {
+        let text = std::fs::read_to_string(path).map_err(|source| LoadError::Read { path: path.to_owned(), source })?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        Ok(Script::build(&text, &path.display().to_string(), Some(folder))?)
+    }
+
+    fn build(text: &str, file_name: &str, folder: Option<&Path>) -> Result<Script, ScriptError> {
         let source = Source { file: file_name, text };
         let raw: RawScript = toml::from_str(text).map_err(|error| {
             let offset = error.span().map_or(text.len(), |span| span.start);
             source.error(offset, error.message())
         })?;
-        expand::script(raw, &source)
+        let tables = Tables::new(raw.files.as_ref(), folder);
+        let script = expand::script(&raw, &source, &tables)?;
+        Ok(Script { text: tables.self_contained(text), ..script })
     }
 
     /// Binds the script to a rig and a seed. The same script and context play the same.
@@ -146,17 +172,16 @@ impl Script {
     }
 }
 
-/// What is in force at a tick.
+/// What is in force at a tick, beside the target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct State {
-    pub target: rt_core::Target,
     pub brake_open: bool,
     pub bypass_open: bool,
     pub fixture: Fixture,
 }
 
 /// What a step changes when it begins; `None` = stays as it was.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Change {
     pub drive: Option<Drive>,
     pub brake_open: Option<bool>,
@@ -164,12 +189,39 @@ pub(crate) struct Change {
     pub fixture: Option<FixtureChange>,
 }
 
-/// What the pump is to do; fractions are resolved when the rig is known.
+/// What the controller is to reach; fractions of u_max are resolved when the rig is known.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Drive {
+    pub quantity: Controlled,
+    pub wave: Wave,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Wave {
+    /// Needs nothing else.
+    Fixed(Signal),
+    /// Drawn when the seed is known.
+    Random(RandomWave),
+}
+
+impl Wave {
+    /// Smallest and largest value.
+    pub fn range(&self) -> (f64, f64) {
+        match self {
+            Wave::Fixed(signal) => signal.range(),
+            Wave::Random(wave) => (wave.range[0], wave.range[1]),
+        }
+    }
+}
+
+/// Values drawn evenly from a range, each for a time drawn evenly.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Drive {
-    VoltageV(f64),
-    VoltageUMax(f64),
-    FlowMlS(f64),
+pub(crate) struct RandomWave {
+    pub range: [f64; 2],
+    pub length_s: [f64; 2],
+    pub ticks: u64,
+    /// Its random stream.
+    pub stream: u64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -201,7 +253,7 @@ pub(crate) struct Skip {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum ItemKind {
     Hold(Hold),
-    Random { index: u64, steps: RandomSteps },
+    Random { stream: u64, steps: RandomSteps },
 }
 
 #[derive(Clone, Debug, PartialEq)]

@@ -1,20 +1,32 @@
 //! The values of a step: numbers with their variables, ranges, fixtures, conditions.
 
 use crate::condition::{Condition, Limit};
+use crate::controlled::Controlled;
 use crate::error::{ScriptError, Source};
 use crate::raw::{FixtureName, Quantity, RawCondition, RawRandom, RawStep};
-use crate::script::{ANGLE_LIMIT_DEG, Drive, End, FixtureChange, PRESSURE_LIMIT_BAR, RandomSteps};
-use rt_core::Fixture;
+use crate::script::{ANGLE_LIMIT_DEG, End, FixtureChange, RandomSteps};
+use crate::target::Prepared;
+use rt_core::{Fixture, PERIOD_NS};
 use std::cell::Cell;
 use std::ops::Range;
 use toml::Spanned;
 
 /// Longest single hold, s.
-const MAX_HOLD_S: f64 = 86_400.0;
+pub(crate) const MAX_HOLD_S: f64 = 86_400.0;
 /// One tick of the loop, s: the shortest hold.
-pub(crate) const TICK_S: f64 = rt_core::PERIOD_NS as f64 * 1e-9;
+pub(crate) const TICK_S: f64 = PERIOD_NS as f64 * 1e-9;
 /// Fastest ramp of the lever, degrees a second.
 const MAX_RATE_DEG_S: f64 = 90.0;
+
+/// Nearest whole number of ticks, at least one.
+pub(crate) fn ticks(seconds: f64) -> u64 {
+    ((seconds * 1e9 / PERIOD_NS as f64).round() as u64).max(1)
+}
+
+/// The first whole number of ticks that is not below.
+pub(crate) fn ticks_at_least(seconds: f64) -> u64 {
+    ((seconds * 1e9 / PERIOD_NS as f64).ceil() as u64).max(1)
+}
 
 /// A variable of a `for_each`, in one pass.
 pub(crate) struct Variable {
@@ -48,10 +60,11 @@ impl<'a> FixtureKeys<'a> {
 pub(crate) struct Reader<'a> {
     pub source: &'a Source<'a>,
     pub variables: &'a [Variable],
+    pub prepared: &'a Prepared<'a>,
 }
 
 impl Reader<'_> {
-    fn number(&self, key: &str, quantity: &Spanned<Quantity>) -> Result<f64, ScriptError> {
+    pub fn number(&self, key: &str, quantity: &Spanned<Quantity>) -> Result<f64, ScriptError> {
         let value = match quantity.get_ref() {
             Quantity::Number(value) => *value,
             Quantity::Variable(name) => match self.variables.iter().find(|v| v.name == *name) {
@@ -76,7 +89,7 @@ impl Reader<'_> {
         }
     }
 
-    fn within(&self, key: &str, quantity: &Spanned<Quantity>, low: f64, high: f64) -> Result<f64, ScriptError> {
+    pub fn within(&self, key: &str, quantity: &Spanned<Quantity>, low: f64, high: f64) -> Result<f64, ScriptError> {
         let value = self.number(key, quantity)?;
         self.check(key, value, quantity.span().start, low, high)
     }
@@ -93,31 +106,13 @@ impl Reader<'_> {
         self.within(key, quantity, -ANGLE_LIMIT_DEG, ANGLE_LIMIT_DEG)
     }
 
-    /// Absolute pressures; 0.1 bar is next to vacuum.
     pub fn pressure(&self, key: &str, quantity: &Spanned<Quantity>) -> Result<f64, ScriptError> {
-        self.within(key, quantity, 0.1, PRESSURE_LIMIT_BAR)
+        let (low, high) = Controlled::Pressure1Bar.bounds();
+        self.within(key, quantity, low, high)
     }
 
-    fn duration(&self, key: &str, quantity: &Spanned<Quantity>) -> Result<f64, ScriptError> {
+    pub fn duration(&self, key: &str, quantity: &Spanned<Quantity>) -> Result<f64, ScriptError> {
         self.within(key, quantity, TICK_S, MAX_HOLD_S)
-    }
-
-    pub fn drive(&self, raw: &RawStep) -> Result<Option<Drive>, ScriptError> {
-        let given = [&raw.voltage_v, &raw.voltage_u_max, &raw.flow_ml_s];
-        if let [Some(_), Some(second), ..] | [_, Some(_), Some(second)] | [Some(_), _, Some(second)] = given {
-            let what = "only one of `voltage_v`, `voltage_u_max` and `flow_ml_s` can drive the pump, got several";
-            return Err(self.source.error(second.span().start, what));
-        }
-        Ok(if let Some(value) = &raw.voltage_v {
-            // The rig's own limit is checked when the script is bound to it.
-            Some(Drive::VoltageV(self.number("voltage_v", value)?))
-        } else if let Some(value) = &raw.voltage_u_max {
-            Some(Drive::VoltageUMax(self.within("voltage_u_max", value, -1.0, 1.0)?))
-        } else if let Some(value) = &raw.flow_ml_s {
-            Some(Drive::FlowMlS(self.number("flow_ml_s", value)?))
-        } else {
-            None
-        })
     }
 
     pub fn fixture(

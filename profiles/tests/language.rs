@@ -36,7 +36,7 @@ fn steps(playback: &mut Playback, angle_deg: impl Fn(u64) -> f64) -> Vec<Step> {
 fn volts(step: &Step) -> f64 {
     match step.target {
         Target::VoltageV(v) => v,
-        Target::FlowMlS(_) => f64::NAN,
+        _ => f64::NAN,
     }
 }
 

@@ -3,7 +3,7 @@
 mod common;
 
 use common::{EXAMPLE, FakeRig, Row, plausible_rigs, play};
-use profiles::{BUILTIN, Context, Plane, Role, Script, builtin, load_folder};
+use profiles::{BUILTIN, Context, EXAMPLES, Plane, Role, Script, builtin, load_folder};
 use rt_core::{Fixture, PERIOD_NS, Target};
 use std::path::Path;
 
@@ -11,6 +11,10 @@ const U_MAX_V: f64 = 24.0;
 
 fn script(name: &str) -> Script {
     builtin().expect("built-in scripts parse").into_iter().find(|s| s.name == name).expect("listed")
+}
+
+fn examples() -> Vec<Script> {
+    EXAMPLES.iter().map(|(file, text)| Script::parse(text, file).expect("examples parse")).collect()
 }
 
 fn run_on(script: &Script, rig: common::Parameters, seed: u64) -> Vec<Row> {
@@ -37,22 +41,22 @@ fn segments(rows: &[Row]) -> Vec<&[Row]> {
 fn voltage(row: &Row) -> f64 {
     match row.step.target {
         Target::VoltageV(v) => v,
-        Target::FlowMlS(_) => panic!("a flow target where a voltage was expected"),
+        other => panic!("{other:?} where a voltage was expected"),
     }
 }
 
 #[test]
 fn the_list_is_complete_and_named_after_its_files() {
     let scripts = builtin().expect("built-in scripts parse");
-    for (script, (file, _)) in scripts.iter().zip(BUILTIN) {
+    for (script, (file, _)) in scripts.iter().chain(&examples()).zip(BUILTIN.iter().chain(EXAMPLES)) {
         assert_eq!(format!("{}.toml", script.name), *file);
         assert!(!script.about.is_empty(), "{file}");
     }
-    let mut folder = load_folder(Path::new(env!("CARGO_MANIFEST_DIR"))).expect("the crate's folder loads");
-    assert_eq!(folder.len(), scripts.len(), "a script in the folder is missing from the list");
-    folder.sort_by_key(|s| scripts.iter().position(|t| t.name == s.name));
-    for (a, b) in folder.iter().zip(&scripts) {
-        assert_eq!((&a.name, a.protocol, a.role, a.plane), (&b.name, b.protocol, b.role, b.plane));
+    let folder = load_folder(Path::new(env!("CARGO_MANIFEST_DIR"))).expect("the crate's folder loads");
+    assert_eq!(folder.len(), BUILTIN.len() + EXAMPLES.len(), "a script in the folder is missing from the lists");
+    for listed in scripts.into_iter().chain(examples()) {
+        let same = folder.iter().find(|s| s.name == listed.name).expect("a file of this name");
+        assert_eq!((&same.text, same.protocol, same.role), (&listed.text, listed.protocol, listed.role));
     }
 }
 
@@ -68,7 +72,7 @@ fn roles_and_planes_are_the_campaigns() {
 
 #[test]
 fn every_plausible_rig_stays_within_its_range() {
-    for script in builtin().expect("parses") {
+    for script in builtin().expect("parses").into_iter().chain(examples()) {
         for (rig, parameters) in plausible_rigs() {
             let rows = run_on(&script, parameters, 7);
             let place = format!("{} on {rig}", script.name);
@@ -273,4 +277,27 @@ fn the_seed_alone_decides_the_random_steps() {
     let first = volts(run_on(&a, EXAMPLE, 5));
     assert_ne!(first, volts(run_on(&a, EXAMPLE, 6)), "another seed, the same steps");
     assert_ne!(first, volts(run_on(&script("random_b"), EXAMPLE, 5)), "two scripts draw the same steps");
+}
+
+#[test]
+fn the_examples_stay_within_25_degrees_and_their_targets_are_reached() {
+    for script in examples() {
+        assert_eq!(script.role, Role::Identify, "{}", script.name);
+        for (rig, parameters) in plausible_rigs() {
+            let rows = run_on(&script, parameters, 7);
+            let place = format!("{} on {rig}", script.name);
+            assert!(rows[..1000].iter().all(|r| voltage(r) == 0.0), "{place}: no second of rest");
+            let mut most_deg: f64 = 0.0;
+            let mut squares = (0.0, 0u32);
+            for row in &rows[2000..] {
+                most_deg = most_deg.max(row.measured.angle_deg.abs());
+                if let Target::AngleDeg { angle_deg, .. } = row.step.target {
+                    squares = (squares.0 + (row.measured.angle_deg - angle_deg).powi(2), squares.1 + 1);
+                }
+            }
+            assert!((2.0..25.0).contains(&most_deg), "{place}: {most_deg} deg");
+            let rms_deg = (squares.0 / f64::from(squares.1.max(1))).sqrt();
+            assert!(rms_deg < 0.5, "{place}: {rms_deg} deg off its target");
+        }
+    }
 }

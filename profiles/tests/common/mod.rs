@@ -1,7 +1,7 @@
 //! A small fake rig: the reference model by explicit Euler steps, without noise. It is a stand-in to play scripts against,
 //! not the bench's emulated device.
 
-use rt_core::{Fixture, Measurement, Reference, Step, Target, Tick};
+use rt_core::{ControlledPressure, Fixture, Measurement, Reference, Step, Target, Tick};
 
 #[derive(Clone, Copy)]
 pub struct Parameters {
@@ -78,7 +78,7 @@ impl FakeRig {
             pressure1_bar: self.pressure_bar[0],
             pressure2_bar: self.pressure_bar[1],
             torque_nm,
-            volume_ml: f64::NAN,
+            ..Measurement::NONE
         }
     }
 
@@ -87,16 +87,26 @@ impl FakeRig {
         (self.p.m[0] * dp.abs() + self.p.m[1]) * phi + self.p.m[2] * dp
     }
 
-    /// The ideal controller: the exact inverse of the pump's characteristic, within the amplifier's range.
+    /// An ideal controller: the exact inverse of the pump's characteristic, within the amplifier's range; angle and
+    /// pressures by a flow in proportion to what is missing.
     fn voltage(&self, target: Target, u_max_v: f64) -> f64 {
         let [f1, f2, f3, f4] = self.p.f;
-        match target {
-            Target::VoltageV(v) => v,
-            Target::FlowMlS(q) => {
-                let dp = self.pressure_bar[0] - self.pressure_bar[1];
-                ((q - f3 * dp - f4) / (f1 + f2 * dp)).clamp(-u_max_v, u_max_v)
+        let [p1, p2] = self.pressure_bar;
+        let flow_ml_s = match target {
+            Target::VoltageV(v) => return v,
+            Target::FlowMlS(q) => q,
+            Target::AngleDeg { angle_deg, velocity_deg_s } => {
+                let missing_deg = angle_deg - self.phi.to_degrees();
+                self.p.v[1] * (velocity_deg_s + 3.0 * missing_deg).to_radians()
             }
-        }
+            Target::PressureBar { of: ControlledPressure::Chamber1, bar } => 20.0 * (bar - p1),
+            Target::PressureBar { of: ControlledPressure::Chamber2, bar } => -20.0 * (bar - p2),
+            Target::PressureBar { of: ControlledPressure::Difference, bar } => 10.0 * (bar - p1 + p2),
+        };
+        let dp = p1 - p2;
+        let driven = flow_ml_s - f3 * dp;
+        let sign = driven.signum();
+        (sign * (driven.abs() - f4) / (f1 + sign * f2 * dp)).clamp(-u_max_v, u_max_v)
     }
 
     pub fn advance(&mut self, step: &Step, u_max_v: f64) -> f64 {
