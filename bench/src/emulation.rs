@@ -2,7 +2,6 @@
 //! built-in scripts. What was drawn is a [`ModelFile`], so that truth and identified model are compared field by field.
 
 use crate::campaign::{Session, Settings};
-use crate::controller::PumpController;
 use crate::failure::{Failure, Kind};
 use crate::interrupt;
 use crate::progress::Progress;
@@ -12,7 +11,7 @@ use drivers::EmulatedRig;
 use drivers::emulated::Settings as RigSettings;
 use identify::component::{fit_pump, pump_points};
 use model::effects::{Effect, LIBRARY};
-use model::parameters::{AddedEffect, Pump, index};
+use model::parameters::{AddedEffect, index};
 use model::{ModelFile, Parameters};
 use profiles::{BUILTIN, Plane, Script};
 use rand::{Rng, SeedableRng};
@@ -111,23 +110,24 @@ pub fn record(dir: &Path, truth: &ModelFile, seed: u64, progress: &Progress) -> 
     let load = truth.parameters.load;
     let u_max_v = truth.parameters.pump.u_max;
     // The emulated chambers neither burst nor cavitate at the edge of what the scripts reach on a drawn rig.
-    let mut session = Session::create(Settings {
+    let settings = Settings {
         dir: dir.to_owned(),
         name: format!("emulated rig, seed {seed}"),
         rig: RigFacts { inertia_kg_m2: load.J, gravity_nm: load.G, u_max_v },
         limits: Limits { pressure_min_bar: 0.3, pressure_max_bar: 9.0, ..Limits::default() },
         seed,
         notes: [("device".to_owned(), "emulated rig".to_owned())].into(),
-    })?;
+    };
+    let mut session = Session::create(settings, progress)?;
     let (switches, _driving) = interrupt::driving()?;
-    let mut controller = PumpController::open_loop();
+    let mut model = None;
     for (index, (file, text)) in BUILTIN.iter().enumerate() {
         let script = Script::parse(text, file).map_err(|e| Failure::of(Kind::Internal, &e))?;
         let mut rig = rig_for(truth, &script, seed, index)?;
-        let recorded = session.run(&script, text, &mut rig, &mut controller, switches, progress)?;
+        let recorded = session.run(&script, text, &mut rig, model.as_ref(), switches, progress)?;
         if recorded.entry.protocol == Protocol::PumpMap {
             // Flows are asked for later: as on a real rig, the pump has to be measured for that.
-            controller = PumpController::with_pump(measured_pump(session.campaign(), &recorded.entry)?);
+            model = Some(measured_pump(session.campaign(), &recorded.entry)?);
         }
     }
     session.finish()
@@ -148,8 +148,8 @@ pub fn rig_for(truth: &ModelFile, script: &Script, seed: u64, run: usize) -> Res
     EmulatedRig::new(&truth.parameters, effects, settings).map_err(|e| Failure::of(Kind::Device, &e))
 }
 
-/// The pump's parameters from its recorded map.
-fn measured_pump(campaign: &Campaign, entry: &RunEntry) -> Result<Pump, Failure> {
+/// The example with the pump's parameters from its recorded map.
+fn measured_pump(campaign: &Campaign, entry: &RunEntry) -> Result<ModelFile, Failure> {
     let run = campaign.read(entry).map_err(|e| Failure::of(Kind::Input, &e))?;
     let mut parameters = Parameters::example();
     parameters.pump.u_max = campaign.rig.u_max_v;
@@ -161,7 +161,7 @@ fn measured_pump(campaign: &Campaign, entry: &RunEntry) -> Result<Pump, Failure>
         );
         return Err(Failure::new(Kind::Acceptance, message));
     }
-    Ok(parameters.pump)
+    Ok(ModelFile::plain(parameters))
 }
 
 #[cfg(test)]

@@ -14,6 +14,7 @@ pub fn driving() -> Result<(&'static Switches, Driving), Failure> {
     if !INSTALLED.swap(true, Ordering::SeqCst) {
         ctrlc::set_handler(|| {
             if !DRIVING.load(Ordering::SeqCst) || SWITCHES.stop.swap(true, Ordering::SeqCst) {
+                crate::keyboard::restore();
                 std::process::exit(Kind::Interrupted as i32);
             }
         })

@@ -3,8 +3,11 @@
 mod demo;
 mod diagnose;
 mod identify;
+mod replay;
 pub mod results;
+mod run;
 mod simulate;
+mod stop;
 
 use crate::failure::Failure;
 use crate::progress::Progress;
@@ -21,6 +24,9 @@ pub struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Run(run::Args),
+    Stop(stop::Args),
+    Replay(replay::Args),
     Demo(demo::Args),
     Identify(identify::Args),
     Diagnose(diagnose::Args),
@@ -30,6 +36,9 @@ enum Command {
 /// Runs what the command line asks for.
 pub fn run(cli: &Cli, progress: &Progress) -> Result<(), Failure> {
     match &cli.command {
+        Command::Run(args) => run::run(args, progress),
+        Command::Stop(args) => stop::run(args, progress),
+        Command::Replay(args) => replay::run(args, progress),
         Command::Demo(args) => demo::run(args, progress),
         Command::Identify(args) => identify::run(args, progress),
         Command::Diagnose(args) => diagnose::run(args, progress),

@@ -1,0 +1,153 @@
+//! `bench run PROFILE [--realtime]`
+
+use crate::emulation::rig_for;
+use crate::failure::{Failure, Kind};
+use crate::interrupt;
+use crate::keyboard::{self, Keyboard};
+use crate::progress::Progress;
+use crate::rig_file::Rig;
+use crate::runner::{Mode, Plan, Runner, certify, judge};
+use crate::timing::Timing;
+use profiles::{BUILTIN, Script};
+use rt_core::system::Request;
+use rt_core::{DemandListener, Switches};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+/// Instance on which a run is published unless another is named.
+pub const INSTANCE: &str = "bench";
+
+/// Run one profile and record it
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Profile: a file, or the name of a built-in one (square_h, random_a, ...)
+    profile: String,
+    /// Real time at 1 kHz in a thread of its own; without it virtual time, as fast as it goes
+    #[arg(long)]
+    realtime: bool,
+    /// End with exit code 2 when the system refuses anything that real time needs
+    #[arg(long, requires = "realtime")]
+    require_rt: bool,
+    /// Priority of the loop, SCHED_FIFO
+    #[arg(long, default_value_t = 80, value_parser = clap::value_parser!(u8).range(2..=98))]
+    priority: u8,
+    /// Processors for the loop and its publication, such as 3 or 2,3
+    #[arg(long, value_delimiter = ',')]
+    cpu: Vec<usize>,
+    /// Rig file [default: the emulated rig]
+    #[arg(long)]
+    rig: Option<PathBuf>,
+    /// Recording to write, .mcap [default: a new one under recordings/data]
+    #[arg(long)]
+    out: Option<PathBuf>,
+    /// Name under which the samples are published
+    #[arg(long, default_value = INSTANCE)]
+    instance: String,
+    /// Seed of the profile's random steps and of the emulated sensors
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
+    let rig = Rig::read(args.rig.as_deref())?;
+    let (script, text) = profile(&args.profile)?;
+    let path = args.out.clone().unwrap_or_else(|| free_file(&script.name));
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).map_err(|error| {
+            Failure::new(Kind::Input, format!("{}: can't be created: {error}; choose another --out", folder.display()))
+        })?;
+    }
+    let mode = if args.realtime {
+        let cpus = (!args.cpu.is_empty()).then(|| args.cpu.clone());
+        let request = Request { priority: args.priority, cpus, ..Request::default() };
+        Mode::RealTime { request, required: args.require_rt }
+    } else {
+        Mode::Lockstep
+    };
+    let mut device = rig_for(&rig.plant, &script, args.seed, 0)?;
+    let notes = [("device".to_owned(), rig.name.clone()), ("instance".to_owned(), args.instance.clone())].into();
+    let (switches, _driving) = interrupt::driving()?;
+    let mut runner = Runner::open(&args.instance, rig.limits, mode, progress)?;
+    let plan = Plan {
+        script: &script,
+        text: &text,
+        seed: args.seed,
+        u_max_v: rig.facts.u_max_v,
+        model: rig.model.as_ref(),
+        path: &path,
+        notes: &notes,
+    };
+    let finished = listening(&args.instance, switches, progress, || {
+        let keys = Keyboard::watch(switches);
+        if keys.is_some() {
+            progress.say(keyboard::HELP);
+        }
+        runner.run(&plan, &mut device, switches, progress)
+    })?;
+    runner.finish()?;
+    progress.result(&finished.report.to_string());
+    if args.realtime {
+        progress.result(&Timing::of_recording(&path)?.to_string());
+    }
+    progress.result(&format!("recording: {}", path.display()));
+    finished.incidents.iter().for_each(|file| progress.result(&format!("incident: {}", file.display())));
+    judge(&script.name, &finished.report)?;
+    certify(&script.name, &finished.certificate)
+}
+
+/// Does the work while demands from other processes throw the switches.
+fn listening<T>(
+    instance: &str,
+    switches: &'static Switches,
+    progress: &Progress,
+    work: impl FnOnce() -> Result<T, Failure>,
+) -> Result<T, Failure> {
+    let over = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            // The port belongs to the thread that opens it.
+            let served = DemandListener::open(instance).and_then(|listener| {
+                while !over.load(Ordering::Relaxed) {
+                    listener.serve(Duration::from_millis(50), switches)?;
+                }
+                Ok(())
+            });
+            if let Err(error) = served {
+                progress.say(&format!("`bench stop` can't reach this run: {error}"));
+            }
+        });
+        let outcome = work();
+        over.store(true, Ordering::Relaxed);
+        outcome
+    })
+}
+
+/// A profile's script and text, by path or by the name of a built-in one.
+pub(super) fn profile(name: &str) -> Result<(Script, String), Failure> {
+    let built_in = BUILTIN.iter().find(|(file, _)| file.strip_suffix(".toml") == Some(name) || *file == name);
+    if let Some((file, text)) = built_in {
+        let script = Script::parse(text, file).map_err(|e| Failure::of(Kind::Internal, &e))?;
+        return Ok((script, (*text).to_owned()));
+    }
+    let text = std::fs::read_to_string(name).map_err(|error| {
+        let known: Vec<&str> = BUILTIN.iter().map(|(file, _)| file.trim_end_matches(".toml")).collect();
+        let message = format!(
+            "{name}: expected a profile's file or one of {}, got \"{error}\"; check the path",
+            known.join(", ")
+        );
+        Failure::new(Kind::Input, message)
+    })?;
+    let script = Script::parse(&text, name).map_err(|e| Failure::of(Kind::Input, &e))?;
+    Ok((script, text))
+}
+
+/// A file that is not there yet: a measurement is never overwritten.
+fn free_file(name: &str) -> PathBuf {
+    let now = jiff::Timestamp::now().strftime("%Y-%m-%dT%H%M%SZ").to_string();
+    let file = |n: u32| {
+        let again = if n > 1 { format!("-{n}") } else { String::new() };
+        Path::new("recordings/data").join(format!("{now}_{name}{again}.mcap"))
+    };
+    (1..).map(file).find(|path| !path.exists()).expect("there are more names than files")
+}

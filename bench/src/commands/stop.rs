@@ -1,0 +1,48 @@
+//! `bench stop [--emergency] [--instance NAME]`
+
+use crate::failure::{Failure, Kind};
+use crate::progress::Progress;
+use rt_core::{Delivery, Demand, Sample, SampleSubscriber, send_demand};
+use std::time::{Duration, Instant};
+
+/// The loop hears a demand within a tick; this long its answer may take.
+const PATIENCE: Duration = Duration::from_secs(3);
+
+/// Stop a run of another process: orderly, or as an emergency
+///
+/// Both drive the rig to its safe state in the next tick. An emergency stop trips the supervisor, which latches.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Emergency stop: trips
+    #[arg(long)]
+    emergency: bool,
+    /// Instance that runs
+    #[arg(long, default_value = super::run::INSTANCE)]
+    instance: String,
+}
+
+pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
+    let link = |e| Failure::of(Kind::Device, &e);
+    let (demand, heard): (_, fn(&Sample) -> bool) =
+        if args.emergency { (Demand::EmergencyStop, Sample::tripped) } else { (Demand::Stop, Sample::last) };
+    // Before the demand: its effect shows in the samples.
+    let mut subscriber = SampleSubscriber::open(&args.instance, Delivery::BestEffort).map_err(link)?;
+    send_demand(&args.instance, demand).map_err(link)?;
+    let begin = Instant::now();
+    let mut samples = Vec::new();
+    while begin.elapsed() < PATIENCE {
+        samples.clear();
+        subscriber.receive(Duration::from_millis(100), &mut samples).map_err(link)?;
+        if let Some(sample) = samples.iter().find(|sample| heard(sample)) {
+            let what = if sample.tripped() { "tripped" } else { "stopped" };
+            progress.result(&format!("{what} at tick {}: {} V, safe state", sample.tick, sample.voltage_v));
+            return Ok(());
+        }
+    }
+    let message = format!(
+        "instance {:?} took the demand, but no sample within {} s shows it: no run goes on, or its publication stalls",
+        args.instance,
+        PATIENCE.as_secs()
+    );
+    Err(Failure::new(Kind::Device, message))
+}

@@ -1,0 +1,325 @@
+//! Runs one script after the other on a rig: the loop in real time or in lockstep, its samples over shared memory, the logger's
+//! recordings, the flight recorder's incidents. A campaign and a single run are the same to it.
+
+use crate::failure::{Failure, Kind};
+use crate::incident::Incidents;
+use crate::logger::{Logger, LoggerError};
+use crate::progress::Progress;
+use crate::setup::Setup;
+use model::ModelFile;
+use profiles::Script;
+use recordings::{CampaignError, Event, RunMetadata, Severity};
+use rt_core::system::{self, ProcessGuard, Report, Request};
+use rt_core::{
+    Clock, Device, Ended, FlightLog, FlightRecorder, Limits, Lockstep, LoopError, LossCertificate, PERIOD_NS, Pace,
+    Publication, RealTime, Run, RunReport, Stages, Supervisor, Switches,
+};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+use std::sync::mpsc;
+use std::thread;
+use std::time::Duration;
+
+/// Longest wait for the logger to appear, and for the samples of a run to reach it after its end.
+const PATIENCE: Duration = Duration::from_secs(30);
+/// Between two looks after the loop's thread, for incidents to be written while the run goes on.
+const LOOK: Duration = Duration::from_millis(20);
+/// The publication thread's priority lies below the loop's by this much.
+const PUBLICATION_BELOW: u8 = 10;
+
+/// Where ticks come from.
+#[derive(Clone, Debug)]
+pub enum Mode {
+    /// Virtual time, as fast as it goes; the loop waits for the logger.
+    Lockstep,
+    /// The wall's time, in a thread of its own.
+    RealTime {
+        /// What is asked of the system.
+        request: Request,
+        /// What it refuses ends the command.
+        required: bool,
+    },
+}
+
+/// One run.
+pub struct Plan<'a> {
+    /// What is wanted.
+    pub script: &'a Script,
+    /// The script's own text, kept in the recording.
+    pub text: &'a str,
+    /// Seed of its random steps.
+    pub seed: u64,
+    /// Largest voltage of the rig, V.
+    pub u_max_v: f64,
+    /// For targets that need a model.
+    pub model: Option<&'a ModelFile>,
+    /// The file to write, `.mcap`.
+    pub path: &'a Path,
+    /// Noted in the recording.
+    pub notes: &'a BTreeMap<String, String>,
+}
+
+/// A run that came to its end, whatever that was.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Finished {
+    /// What the loop says.
+    pub report: RunReport,
+    /// What the recording holds of it.
+    pub certificate: LossCertificate,
+    /// What the flight recorder left.
+    pub incidents: Vec<PathBuf>,
+}
+
+/// Publication, logger, supervisor and flight recorder of an instance.
+pub struct Runner {
+    mode: Mode,
+    supervisor: Supervisor,
+    // Before the publication: a logger that leaves first is not waited for.
+    logger: Logger,
+    publication: Publication,
+    flight: FlightRecorder,
+    flown: FlightLog,
+    system: Option<(ProcessGuard, Report)>,
+    next_run: u32,
+}
+
+impl Runner {
+    /// Begins to publish on `instance` and starts the logger; in real time the process is prepared first, and what the system
+    /// refuses is said.
+    ///
+    /// # Errors
+    /// Limits that can't be enforced, real time that is required and refused (2), an instance in use, no shared memory (4).
+    pub fn open(instance: &str, limits: Limits, mode: Mode, progress: &Progress) -> Result<Self, Failure> {
+        let supervisor = Supervisor::new(limits).map_err(|e| Failure::of(Kind::Input, &e))?;
+        let system = match &mode {
+            Mode::Lockstep => None,
+            Mode::RealTime { request, .. } => Some(system::prepare_process(request)),
+        };
+        let link = |e| Failure::of(Kind::Device, &e);
+        let publication = match &mode {
+            Mode::Lockstep => Publication::start(instance, Pace::LOCKSTEP),
+            Mode::RealTime { request, .. } => {
+                let below = Request { priority: request.priority.saturating_sub(PUBLICATION_BELOW).max(1), ..request.clone() };
+                Publication::start_prepared(instance, Pace::RealTime, move || {
+                    // The loop's own thread asks the same and says what is refused.
+                    let _ = system::prepare_thread(&below);
+                })
+            }
+        };
+        let publication = publication.map_err(link)?;
+        let logger = Logger::start(instance).map_err(|e| failure_of(&e))?;
+        publication.wait_for_loggers(1, PATIENCE).map_err(link)?;
+        let (flight, flown) = rt_core::flight::recorder();
+        let runner = Runner { mode, supervisor, logger, publication, flight, flown, system, next_run: 0 };
+        if let Some((_, report)) = &runner.system {
+            runner.judge_system(report, progress)?;
+        }
+        Ok(runner)
+    }
+
+    /// Runs a script to its end and records it.
+    ///
+    /// # Errors
+    /// The script does not fit the rig (2), the device failed (4), the recording could not be written (6). A trip, a stop and
+    /// losses are no error here: see [`judge`] and [`certify`].
+    pub fn run(
+        &mut self,
+        plan: &Plan<'_>,
+        device: &mut (dyn Device + Send),
+        switches: &Switches,
+        progress: &Progress,
+    ) -> Result<Finished, Failure> {
+        let context = profiles::Context { u_max_v: plan.u_max_v, seed: plan.seed };
+        let mut playback = plan.script.compile(&context).map_err(|e| Failure::of(Kind::Input, &e))?;
+        let run = Run { number: self.next_run, overrun: plan.script.overrun };
+        self.next_run += 1;
+        let setup = Setup::of(plan.seed, plan.u_max_v, self.supervisor.limits(), plan.model);
+        let mut controller = setup.controller();
+        let mut metadata = metadata(plan, &setup)?;
+
+        let Runner { mode, supervisor, logger, publication, flight, flown, system, .. } = self;
+        let mut incidents = Incidents::beside(plan.path);
+        let step = progress.step(plan.script.name.as_str(), playback.ticks_bound());
+        let begin = |logger: &mut Logger, metadata: RunMetadata| {
+            logger.begin(run.number, plan.path.to_owned(), metadata, step.counter()).map_err(|e| failure_of(&e))
+        };
+        let mut drive = |clock: &mut (dyn Clock + Send), publication: &mut Publication| {
+            let stages = Stages {
+                clock,
+                device: &mut *device,
+                operator: &mut &*switches,
+                supervisor: &mut *supervisor,
+                reference: &mut playback,
+                controller: &mut *controller,
+                publish: publication,
+                flight: &mut *flight,
+            };
+            rt_core::run(stages, run)
+        };
+        let outcome = match mode {
+            Mode::Lockstep => {
+                begin(logger, metadata)?;
+                drive(&mut Lockstep::default(), publication)
+            }
+            Mode::RealTime { request, required } => {
+                let request = request.clone();
+                // The thread prepares itself before the recording begins, so that the recording can say with what success.
+                let (prepared, from_loop) = mpsc::channel();
+                let (go, start) = mpsc::channel::<()>();
+                thread::scope(|scope| {
+                    let publication = &mut *publication;
+                    let body = move || {
+                        let _ = prepared.send(system::prepare_thread(&request));
+                        start.recv().ok().map(|()| drive(&mut RealTime::default(), publication))
+                    };
+                    let handle = thread::Builder::new().name("loop".to_owned()).spawn_scoped(scope, body);
+                    let handle = handle.map_err(|e| Failure::new(Kind::Internal, format!("the loop's thread: {e}")))?;
+                    let granted = from_loop.recv().unwrap_or_default();
+                    if let Some((_, report)) = system {
+                        let thread_report = Report::new(granted);
+                        say_refusals(&thread_report, *required, run.number == 0, progress)?;
+                        metadata.notes.extend(report.notes());
+                        metadata.notes.extend(thread_report.notes());
+                    }
+                    begin(logger, metadata)?;
+                    // The thread waits for this; it can only be gone by a panic, which the join tells.
+                    let _ = go.send(());
+                    while !handle.is_finished() {
+                        incidents.write(flown, progress);
+                        thread::sleep(LOOK);
+                    }
+                    match handle.join() {
+                        Ok(Some(outcome)) => Ok(outcome),
+                        _ => Err(Failure::new(Kind::Internal, "the loop's thread ended by a defect; see above")),
+                    }
+                })?
+            }
+        };
+        let settled = publication.settle(PATIENCE);
+        incidents.write(flown, progress);
+        let (ticks, mut events) = aftermath(&outcome);
+        events.extend(incidents.events());
+        let recorded = logger.end(run.number, ticks, events).map_err(|e| failure_of(&e))?;
+        step.finish();
+        progress.result(&format!("{}: {}", plan.script.name, recorded.certificate));
+        // First what happened to the rig, then what happened to the data.
+        let report = outcome.map_err(|e| Failure::of(Kind::Device, &e))?;
+        settled.map_err(|e| Failure::of(Kind::Loss, &e))?;
+        Ok(Finished { report, certificate: recorded.certificate, incidents: incidents.files() })
+    }
+
+    /// Ends publication and logger.
+    pub fn finish(self) -> Result<(), Failure> {
+        drop(self.logger);
+        self.publication.stop().map_err(|e| Failure::of(Kind::Device, &e))
+    }
+
+    fn judge_system(&self, report: &Report, progress: &Progress) -> Result<(), Failure> {
+        let Mode::RealTime { required, .. } = self.mode else { return Ok(()) };
+        say_refusals(report, required, true, progress)
+    }
+}
+
+/// What the system refuses is said once with the remedy, or ends the command.
+fn say_refusals(report: &Report, required: bool, say: bool, progress: &Progress) -> Result<(), Failure> {
+    let refused = report.refused();
+    if refused.is_empty() {
+        return Ok(());
+    }
+    let lines: Vec<String> = refused.iter().map(ToString::to_string).collect();
+    if required {
+        return Err(Failure::new(Kind::Input, format!("real time is required, and the system refuses: {}", lines.join("; "))));
+    }
+    if say {
+        lines.iter().for_each(|line| progress.say(&format!("real time: {line}")));
+    }
+    Ok(())
+}
+
+/// Whether the run was driven to the end that its script wanted.
+///
+/// # Errors
+/// A trip (5), a missed deadline with the policy to abort (6), a stop (130).
+pub fn judge(name: &str, report: &RunReport) -> Result<(), Failure> {
+    match report.ended {
+        Ended::Completed => Ok(()),
+        Ended::Tripped => Err(Failure::new(Kind::Safety, format!("{name}: {report}"))),
+        Ended::Aborted => Err(Failure::new(Kind::Loss, format!("{name}: {report}"))),
+        Ended::Stopped => Err(Failure::new(Kind::Interrupted, format!("{name}: stopped; the outputs are zeroed"))),
+    }
+}
+
+/// N of N, or no success (6).
+pub fn certify(name: &str, certificate: &LossCertificate) -> Result<(), Failure> {
+    if certificate.is_lossless() {
+        return Ok(());
+    }
+    Err(Failure::new(Kind::Loss, format!("{name}: {certificate}; the recording can't be used, run it again")))
+}
+
+fn metadata(plan: &Plan<'_>, setup: &Setup) -> Result<RunMetadata, Failure> {
+    let Script { name, protocol, role, plane, .. } = plan.script;
+    let unknown = |e: recordings::UnknownWord| Failure::of(Kind::Internal, &e);
+    let mut notes = plan.notes.clone();
+    notes.extend(setup.notes());
+    Ok(RunMetadata {
+        name: name.clone(),
+        protocol: FromStr::from_str(protocol.as_str()).map_err(unknown)?,
+        role: FromStr::from_str(role.as_str()).map_err(unknown)?,
+        plane: FromStr::from_str(plane.as_str()).map_err(unknown)?,
+        profile: plan.text.to_owned(),
+        notes,
+    })
+}
+
+/// What the logger has to know of the run's end: its length, and what a reader of the recording should see.
+fn aftermath(outcome: &Result<RunReport, LoopError>) -> (Option<u64>, Vec<Event>) {
+    let event = |tick: u64, severity, text: String| Event {
+        tick,
+        scheduled_ns: tick * PERIOD_NS,
+        severity,
+        source: "loop".to_owned(),
+        text,
+    };
+    match outcome {
+        Ok(report) => {
+            let ticks = report.statistics.ticks;
+            let last = (ticks + report.statistics.skipped).saturating_sub(1);
+            let events = match report.ended {
+                Ended::Completed if report.statistics.overruns == 0 => vec![],
+                Ended::Completed | Ended::Stopped => vec![event(last, Severity::Warning, report.to_string())],
+                Ended::Tripped | Ended::Aborted => vec![event(last, Severity::Error, report.to_string())],
+            };
+            (Some(ticks), events)
+        }
+        Err(LoopError::Device { source, .. }) => (None, vec![event(source.tick, Severity::Error, source.to_string())]),
+        Err(error) => (Some(0), vec![event(0, Severity::Error, error.to_string())]),
+    }
+}
+
+fn failure_of(error: &LoggerError) -> Failure {
+    let kind = match error {
+        LoggerError::Link(_) => Kind::Device,
+        LoggerError::Recording(CampaignError::Content(_)) => Kind::Input,
+        LoggerError::Recording(_) => Kind::Loss,
+        LoggerError::OtherRun { .. } | LoggerError::Thread(_) => Kind::Loss,
+    };
+    Failure::of(kind, error)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lost_samples_are_exit_code_6() {
+        let whole = LossCertificate { run: 0, expected: 10, received: 10, gaps: vec![], end_seen: true };
+        assert_eq!(certify("a", &whole), Ok(()));
+        let lossy = LossCertificate { received: 9, gaps: vec![(4, 4)], ..whole.clone() };
+        let failure = certify("a", &lossy).expect_err("one is missing");
+        assert_eq!(failure.exit_code(), 6);
+        assert!(failure.message.contains("9 of 10 samples"), "{failure}");
+        assert!(certify("a", &LossCertificate { end_seen: false, ..whole }).is_err(), "an unknown length is no proof");
+    }
+}

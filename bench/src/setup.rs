@@ -1,0 +1,112 @@
+//! What decides the loop's outputs besides script and measurements: limits, safe state, seed, largest voltage, model. It stands in
+//! every recording, so that the run can be replayed from its recording alone.
+
+use crate::controller::PumpController;
+use crate::failure::{Failure, Kind};
+use crate::rig_file::{RawLimits, RawSafeState};
+use model::ModelFile;
+use rt_core::{Controller, Limits, SafeState};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Name of the note that holds the setup, as TOML.
+const SETUP_NOTE: &str = "setup";
+/// Name of the note that holds the controller's model, as `model.toml`.
+const MODEL_NOTE: &str = "model";
+
+/// See the module.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Setup {
+    /// Seed of the script's random steps.
+    pub seed: u64,
+    /// Largest voltage of the rig, V.
+    pub u_max_v: f64,
+    /// What the supervisor enforced.
+    pub limits: Limits,
+    /// The controller's model.
+    pub model: Option<ModelFile>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Written {
+    // As text: TOML's integers have a sign.
+    seed: String,
+    u_max_v: f64,
+    limits: RawLimits,
+    safe_state: RawSafeState,
+}
+
+impl Setup {
+    /// The setup of a run.
+    pub fn of(seed: u64, u_max_v: f64, limits: &Limits, model: Option<&ModelFile>) -> Self {
+        Setup { seed, u_max_v, limits: *limits, model: model.cloned() }
+    }
+
+    /// The notes that hold it. Numbers are written so that they read back as the same bits.
+    pub fn notes(&self) -> BTreeMap<String, String> {
+        let written = Written {
+            seed: self.seed.to_string(),
+            u_max_v: self.u_max_v,
+            limits: RawLimits::of(&self.limits),
+            safe_state: RawSafeState::of(self.limits.safe_state),
+        };
+        let text = toml::to_string(&written).expect("plain numbers and words always have a TOML form");
+        let mut notes = BTreeMap::from([(SETUP_NOTE.to_owned(), text)]);
+        notes.extend(self.model.as_ref().map(|model| (MODEL_NOTE.to_owned(), model.to_toml())));
+        notes
+    }
+
+    /// The controller of such a run.
+    pub fn controller(&self) -> Box<dyn Controller + Send> {
+        match &self.model {
+            Some(model) => Box::new(PumpController::with_pump(model.parameters.pump)),
+            None => Box::new(PumpController::open_loop()),
+        }
+    }
+
+    /// The setup that a recording's notes hold; `file` is for messages.
+    ///
+    /// # Errors
+    /// No setup, or none of this program (2).
+    pub fn from_notes(notes: &BTreeMap<String, String>, file: &str) -> Result<Self, Failure> {
+        let input = |what: String| Failure::new(Kind::Input, format!("{file}: note {SETUP_NOTE:?}: {what}"));
+        let text = notes.get(SETUP_NOTE).ok_or_else(|| {
+            input("expected the setup of the run, got none; only recordings of `bench run` and of campaigns can be replayed".to_owned())
+        })?;
+        let written: Written = toml::from_str(text).map_err(|e| input(e.message().to_owned()))?;
+        let seed = written.seed.parse().map_err(|_| input(format!("expected a whole number, got {:?}", written.seed)))?;
+        let limits = written.limits.over(Limits::default());
+        let limits = Limits { safe_state: written.safe_state.over(SafeState::default()), ..limits };
+        let model = notes.get(MODEL_NOTE).map(|text| ModelFile::parse(text, &format!("{file}: note {MODEL_NOTE:?}")));
+        let model = model.transpose().map_err(|e| Failure::of(Kind::Input, &e))?;
+        Ok(Setup { seed, u_max_v: written.u_max_v, limits, model })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use model::Parameters;
+
+    #[test]
+    fn what_a_recording_notes_is_read_back_bit_for_bit() {
+        let limits = Limits {
+            velocity_max_deg_s: 1000.0 / 3.0,
+            safe_state: SafeState { brake_open: true, bypass_open: false },
+            ..Limits::default()
+        };
+        let model = ModelFile::plain(Parameters::example());
+        for model in [None, Some(&model)] {
+            let setup = Setup::of(u64::MAX, 24.0 / 7.0, &limits, model);
+            assert_eq!(Setup::from_notes(&setup.notes(), "a.mcap"), Ok(setup));
+        }
+    }
+
+    #[test]
+    fn a_recording_without_setup_says_so() {
+        let failure = Setup::from_notes(&BTreeMap::new(), "a.mcap").expect_err("nothing is noted");
+        assert_eq!(failure.exit_code(), 2);
+        assert!(failure.message.contains("a.mcap"), "{failure}");
+    }
+}

@@ -1,0 +1,179 @@
+//! `bench run`, `bench stop` and `bench replay` as a person or a job uses them: processes, exit codes, files.
+
+use recordings::{Item, McapReader, McapWriter};
+use rt_core::{Sample, flags};
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+
+fn bench(args: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_bench"));
+    command.args(args).stdin(Stdio::null());
+    command
+}
+
+fn output(args: &[&str]) -> Output {
+    bench(args).output().expect("the program starts")
+}
+
+fn stdout(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// Ends with the test, whatever its outcome.
+struct Running(Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // It may have ended by itself.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+fn samples(path: &Path) -> Vec<Sample> {
+    let reader = McapReader::open(path).expect("a recording");
+    let items = reader.map(|item| item.expect("a sound recording"));
+    items.filter_map(|item| if let Item::Sample(sample) = item { Some(sample) } else { None }).collect()
+}
+
+/// A profile of so many seconds at 6 V and 0 V in turns.
+fn profile(dir: &Path, seconds: u32, extra: &str) -> String {
+    let text = format!(
+        "name = \"short\"\nprotocol = \"square-wave\"\nrole = \"validate\"\nplane = \"horizontal\"\n{extra}\n\
+         [start]\nfixture = \"free\"\nbrake = \"open\"\nbypass = \"closed\"\nfill_bar = 2.8\n\
+         [[step]]\nrepeat = {seconds}\n[[step.step]]\nvoltage_v = 6.0\nfor_s = 0.5\n[[step.step]]\nvoltage_v = -6.0\nfor_s = 0.5\n"
+    );
+    let path = dir.join("short.toml");
+    std::fs::write(&path, text).expect("a temporary folder");
+    path.display().to_string()
+}
+
+/// An instance of this test's own.
+fn instance(name: &str) -> String {
+    format!("test-{name}-{}", std::process::id())
+}
+
+#[test]
+fn a_run_in_virtual_time_is_replayed_bit_for_bit_and_a_changed_bit_is_found() {
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    let recording = dir.path().join("random_a.mcap");
+    let file = recording.display().to_string();
+    let run = output(&["run", "random_a", "--out", &file, "--instance", &instance("lockstep"), "--seed", "3"]);
+    assert!(run.status.success(), "{}", stderr(&run));
+    let ticks = samples(&recording).len();
+    assert!(stdout(&run).contains(&format!("random_a: {ticks} of {ticks} samples")), "{}", stdout(&run));
+
+    let replay = output(&["replay", &file]);
+    assert!(replay.status.success(), "{}", stderr(&replay));
+    assert!(stdout(&replay).contains(&format!("{ticks} ticks agree bit for bit")), "{}", stdout(&replay));
+
+    let changed = dir.path().join("changed.mcap");
+    let mut all = samples(&recording);
+    all[1234].voltage_v = f64::from_bits(all[1234].voltage_v.to_bits() ^ 1);
+    let mut writer = McapWriter::create(&changed, McapReader::open(&recording).expect("sound").run()).expect("new");
+    all.iter().for_each(|sample| writer.write(sample).expect("sound"));
+    let certificate = writer.certificate(all.len() as u64);
+    writer.finish(&certificate).expect("closed");
+    let replay = output(&["replay", &changed.display().to_string()]);
+    assert_eq!(replay.status.code(), Some(3));
+    assert!(stdout(&replay).contains("1234 ticks agree, then tick 1234, voltage_v"), "{}", stdout(&replay));
+}
+
+#[test]
+fn the_same_run_twice_gives_the_same_bytes() {
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    let record = |name: &str| {
+        let path = dir.path().join(name);
+        let run = output(&["run", "square_v", "--out", &path.display().to_string(), "--instance", &instance("twice")]);
+        assert!(run.status.success(), "{}", stderr(&run));
+        std::fs::read(path).expect("was written")
+    };
+    assert_eq!(record("a.mcap"), record("b.mcap"));
+}
+
+#[test]
+fn a_run_in_real_time_keeps_every_sample_and_is_replayed_bit_for_bit() {
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    let file = dir.path().join("short.mcap").display().to_string();
+    let instance = instance("realtime");
+    let run = output(&["run", &profile(dir.path(), 2, ""), "--realtime", "--out", &file, "--instance", &instance]);
+    assert!(run.status.success(), "{}", stderr(&run));
+    assert!(stdout(&run).contains("wake-up late by p50"), "{}", stdout(&run));
+    let all = samples(Path::new(&file));
+    let last = all.last().expect("samples");
+    // A loaded machine may skip ticks; none of those that were run is lost.
+    assert_eq!(all.len() as u64 + last.skipped, 2000);
+    assert!(all.iter().all(|s| s.woken_ns > 0 && s.voltage_v.abs() == 6.0));
+    let replay = output(&["replay", &file]);
+    assert!(replay.status.success(), "{}{}", stdout(&replay), stderr(&replay));
+}
+
+#[test]
+fn an_emergency_stop_from_another_process_trips_the_run() {
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    let file = dir.path().join("short.mcap").display().to_string();
+    let instance = instance("emergency");
+    let profile = profile(dir.path(), 600, "");
+    let mut command = bench(&["run", &profile, "--realtime", "--out", &file, "--instance", &instance]);
+    let mut run = Running(command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the program starts"));
+    // Until the run listens, the demand is refused.
+    let stop = loop {
+        let stop = output(&["stop", "--emergency", "--instance", &instance]);
+        if stop.status.success() {
+            break stop;
+        }
+        assert_eq!(stop.status.code(), Some(4), "{}", stderr(&stop));
+        assert!(run.0.try_wait().expect("a child").is_none(), "the run ended by itself");
+    };
+    assert!(stdout(&stop).contains("tripped at tick"), "{}", stdout(&stop));
+    assert_eq!(run.0.wait().expect("a child").code(), Some(5));
+    let all = samples(Path::new(&file));
+    let first = all.iter().position(Sample::tripped).expect("it tripped");
+    assert!(all[first..].iter().all(|s| s.tripped() && s.voltage_v == 0.0 && !s.brake_open() && s.bypass_open()));
+    assert_eq!(all[first].trip, 9 | 6 << 8, "emergency stop, demanded");
+    let replay = output(&["replay", &file]);
+    assert!(replay.status.success(), "{}{}", stdout(&replay), stderr(&replay));
+    let incident = dir.path().join(format!("short.{}-trip.json", all[first].tick));
+    assert!(incident.exists(), "the flight recorder left {}", incident.display());
+}
+
+#[test]
+fn an_orderly_stop_is_130_and_latches_nothing() {
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    let file = dir.path().join("short.mcap").display().to_string();
+    let instance = instance("stop");
+    let profile = profile(dir.path(), 600, "");
+    let mut command = bench(&["run", &profile, "--realtime", "--out", &file, "--instance", &instance]);
+    let mut run = Running(command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the program starts"));
+    while !output(&["stop", "--instance", &instance]).status.success() {
+        assert!(run.0.try_wait().expect("a child").is_none(), "the run ended by itself");
+    }
+    assert_eq!(run.0.wait().expect("a child").code(), Some(130));
+    let last = samples(Path::new(&file)).pop().expect("samples");
+    assert!(last.last() && last.flags & flags::STOPPED != 0 && !last.tripped() && last.voltage_v == 0.0);
+}
+
+#[test]
+fn nobody_to_stop_is_exit_code_4() {
+    let stop = output(&["stop", "--instance", &instance("nobody")]);
+    assert_eq!(stop.status.code(), Some(4));
+    assert!(stderr(&stop).contains("no running service"), "{}", stderr(&stop));
+}
+
+#[test]
+fn bad_usage_is_exit_code_2_and_says_what_to_do() {
+    for (args, expected) in [
+        (vec!["run", "squarewave"], "square_h"),
+        (vec!["run", "square_h", "--require-rt"], "--realtime"),
+        (vec!["run", "square_h", "--rig", "nowhere.toml"], "nowhere.toml"),
+        (vec!["replay", "nowhere.mcap"], "nowhere.mcap"),
+    ] {
+        let run = output(&args);
+        assert_eq!(run.status.code(), Some(2), "{args:?}: {}", stderr(&run));
+        assert!(stderr(&run).contains(expected), "{args:?}: {}", stderr(&run));
+    }
+}
