@@ -77,6 +77,7 @@ pub fn run(stages: Stages<'_>, run: Run) -> Result<RunReport, LoopError> {
         run,
         statistics: Statistics::default(),
         acting: (Fixture::Free, 0),
+        done_ns: 0,
         skipped: 0,
         overrun: false,
         publish_ns: 0,
@@ -100,6 +101,9 @@ struct Cycle<'a> {
     statistics: Statistics,
     /// Fixture and segment of the last command.
     acting: (Fixture, u32),
+    /// When the last tick's work was done, ns since the run's start. One reading decides whether it was late: for the policy, the
+    /// statistics and the flight recorder alike.
+    done_ns: u64,
     skipped: u64,
     /// The tick before this one ended too late.
     overrun: bool,
@@ -122,18 +126,22 @@ impl Cycle<'_> {
     fn tick(&mut self, wake: &Wake) -> Result<Option<Ended>, DeviceError> {
         let now = wake.tick;
         let Stages { clock, device, operator, supervisor, reference, controller, publish, flight } = &mut self.stages;
-        let demand = operator.demand(now);
-        let stopping = demand == Demand::Stop || (self.overrun && self.run.overrun == OverrunPolicy::Abort);
         let mut lap = Lap::begin(*clock);
 
+        let demand = operator.demand(now);
+        let stopping = demand == Demand::Stop || (self.overrun && self.run.overrun == OverrunPolicy::Abort);
         let measured = device.read(now)?;
         let read_ns = lap.split(*clock);
         supervisor.check(now, demand, &measured);
         let check_ns = lap.split(*clock);
         let step = reference.step(now, &measured);
         let reference_ns = lap.split(*clock);
-        let wanted = wanted(now, &measured, &step, *controller, supervisor, stopping);
-        let command = supervisor.release(now, wanted);
+        // A controller is not asked where its answer can't be used: it must not integrate against a rig that does not follow.
+        let command = if stopping || supervisor.trip().is_some() {
+            supervisor.rest(now, step.fixture, step.segment)
+        } else {
+            supervisor.release(now, wanted(now, &measured, &step, *controller))
+        };
         let control_ns = lap.split(*clock);
         device.write(now, &command)?;
         let write_ns = lap.split(*clock);
@@ -147,7 +155,8 @@ impl Cycle<'_> {
         let handover = publish.publish(&sample);
         self.publish_ns = lap.split(*clock);
 
-        let ended_ns = lap.last_ns.saturating_sub(now.scheduled_ns);
+        self.done_ns = lap.last_ns;
+        let ended_ns = self.done_ns.saturating_sub(now.scheduled_ns);
         let flown = FlightTick { sample, publish_ns: self.publish_ns, ended_ns };
         self.statistics.account(&flown, handover);
         flight.record(flown);
@@ -159,7 +168,7 @@ impl Cycle<'_> {
     /// The tick that follows, by the overrun policy.
     fn next(&mut self, wake: &Wake) -> u64 {
         let index = wake.tick.index;
-        let now_ns = self.stages.clock.now_ns();
+        let now_ns = self.done_ns;
         self.overrun = now_ns >= Tick::at(index + 1).scheduled_ns;
         if !self.overrun {
             return index + 1;
@@ -207,32 +216,24 @@ impl Cycle<'_> {
     /// The device failed within this tick: safe state at once, and a last sample, so that loggers can close the run.
     fn fail(self, wake: &Wake, source: DeviceError) -> LoopError {
         let safe = self.safe_command();
-        let Stages { device, supervisor, publish, flight, .. } = self.stages;
+        let Stages { clock, device, supervisor, publish, flight, .. } = self.stages;
         let safe_state = device.write(wake.tick, &safe);
-        let state = self.run.state(supervisor, Demand::None, self.overrun) | flags::LAST | flags::FAULT;
+        let ended_ns = clock.now_ns().saturating_sub(wake.tick.scheduled_ns);
+        // The safe state was not held back by the slew limit, whatever command it replaces.
+        let state = self.run.state(supervisor, Demand::None, self.overrun) & !flags::SLEW_LIMITED;
+        let state = state | flags::LAST | flags::FAULT;
         let timed = Timed { publish_ns: self.publish_ns, ..Timed::default() };
         let mut sample = self.run.sample(wake, self.skipped, &timed, &Measurement::NONE, &safe, state);
         sample.trip = supervisor.trip().map_or(0, Trip::code);
         publish.publish_patiently(&sample);
-        flight.record(FlightTick { sample, publish_ns: 0, ended_ns: wake.lateness_ns });
+        flight.record(FlightTick { sample, publish_ns: 0, ended_ns });
         flight.end_run();
         LoopError::Device { run: self.run.number, source, safe_state }
     }
 }
 
-/// The command that reference and controller ask for. A controller is not asked where its answer can't be used: it
-/// must not integrate against a rig that does not follow it.
-fn wanted(
-    now: Tick,
-    measured: &Measurement,
-    step: &Step,
-    controller: &mut dyn Controller,
-    supervisor: &Supervisor,
-    stopping: bool,
-) -> Command {
-    if stopping || supervisor.trip().is_some() {
-        return supervisor.limits().safe_state.command(step.fixture, step.segment);
-    }
+/// The command that reference and controller ask for.
+fn wanted(now: Tick, measured: &Measurement, step: &Step, controller: &mut dyn Controller) -> Command {
     Command {
         voltage_v: controller.control(now, measured, step),
         brake_open: step.brake_open,

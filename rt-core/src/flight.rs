@@ -7,7 +7,8 @@ use std::fmt;
 use ringbuf::traits::{Consumer, Producer, Split};
 use ringbuf::{HeapCons, HeapProd, HeapRb};
 
-use crate::types::{PERIOD_NS, Sample, flags};
+use crate::supervisor::Channel;
+use crate::types::{PERIOD_NS, Sample};
 
 /// Ticks that the recorder holds.
 pub const DEPTH: usize = 2_000;
@@ -21,7 +22,7 @@ const SPARES: usize = 3;
 pub struct FlightTick {
     /// As it was published.
     pub sample: Sample,
-    /// Duration of its hand-over to the publication and of the accounting, ns.
+    /// Duration of its hand-over to the publication, ns.
     pub publish_ns: u32,
     /// From the time at which the tick should have begun to the end of its last stage, ns; 0 in virtual time.
     pub ended_ns: u64,
@@ -60,7 +61,7 @@ pub enum Culprit {
     Device,
     /// Supervisor, profile or controller took long.
     Controller,
-    /// The hand-over to the publication, or the accounting, took long.
+    /// The hand-over to the publication took long.
     Publication,
 }
 
@@ -86,6 +87,11 @@ impl fmt::Display for Culprit {
 impl FlightTick {
     /// Nothing recorded.
     const BLANK: FlightTick = FlightTick { sample: Sample::BLANK, publish_ns: 0, ended_ns: 0 };
+
+    /// It ended after the next tick should have begun.
+    pub fn overran(&self) -> bool {
+        self.ended_ns >= PERIOD_NS
+    }
 
     /// The parts of the tick, ns, from the time at which it should have begun.
     pub fn shares(&self) -> [(Culprit, u64); 5] {
@@ -226,14 +232,13 @@ impl FlightRecorder {
     pub fn record(&mut self, tick: FlightTick) {
         self.ring.push(tick);
         let sample = &tick.sample;
-        if tick.ended_ns > PERIOD_NS {
+        if sample.fault() {
+            self.mark(Reason::Fault, sample.tick);
+        } else if tick.overran() {
             self.mark(Reason::Overrun, sample.tick);
         }
-        if sample.flags & flags::FAULT != 0 {
-            self.mark(Reason::Fault, sample.tick);
-        }
         // The latch shows in every later sample too; the incident is its first.
-        if sample.tripped() && !self.tripped {
+        if sample.tripped() && !self.tripped && !self.follows_overrun(sample) {
             self.mark(Reason::Trip, sample.tick);
         }
         self.tripped = sample.tripped();
@@ -249,6 +254,12 @@ impl FlightRecorder {
             self.hand_over();
         }
         self.unwritten
+    }
+
+    /// A trip for the missed deadline that is on record already: the culprit is in that tick, not in this one.
+    fn follows_overrun(&self, sample: &Sample) -> bool {
+        let overran = self.ring.incident.is_some_and(|(reason, _)| reason == Reason::Overrun);
+        overran && Channel::of_code(sample.trip) == Some(Channel::Deadline)
     }
 
     fn mark(&mut self, reason: Reason, tick: u64) {

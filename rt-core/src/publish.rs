@@ -237,14 +237,18 @@ impl Publication {
 impl Publish for Publication {
     /// In lockstep this waits for room; in real time it neither waits nor makes a system call.
     fn publish(&mut self, sample: &Sample) -> Handover {
-        while self.queue.try_push(*sample).is_err() {
-            if self.pace == Pace::RealTime || self.shared.ended.load(Ordering::Acquire) {
+        // Room in the queue is worth nothing when nobody empties it any more.
+        while !self.shared.ended.load(Ordering::Acquire) {
+            if self.queue.try_push(*sample).is_ok() {
+                self.handed += 1;
+                return Handover::Taken;
+            }
+            if self.pace == Pace::RealTime {
                 return Handover::Lost;
             }
             thread::sleep(NAP);
         }
-        self.handed += 1;
-        Handover::Taken
+        Handover::Lost
     }
 
     fn publish_patiently(&mut self, sample: &Sample) -> Handover {

@@ -19,6 +19,8 @@ struct Inner<I> {
     samples: I,
     /// The sample of the tick under way.
     current: Option<Sample>,
+    /// It was compared.
+    judged: bool,
     following: Option<Sample>,
     compared: u64,
     difference: Option<Difference>,
@@ -57,7 +59,7 @@ impl<I: Iterator<Item = Sample>> Replay<I> {
     /// Replays these samples: one whole run without losses, its first sample first.
     pub fn new(mut samples: I) -> Self {
         let following = samples.next();
-        let inner = Inner { samples, current: None, following, compared: 0, difference: None };
+        let inner = Inner { samples, current: None, judged: false, following, compared: 0, difference: None };
         Replay { inner: RefCell::new(inner) }
     }
 
@@ -86,7 +88,7 @@ impl<I: Iterator<Item = Sample>> Replay<I> {
         let inner = self.inner.borrow();
         let mut difference = inner.difference.clone();
         if difference.is_none()
-            && let Some(next) = &inner.following
+            && let Some(next) = inner.current.as_ref().filter(|_| !inner.judged).or(inner.following.as_ref())
         {
             let replayed = "the run is over".to_owned();
             difference = Some(Difference { tick: next.tick, field: "tick", recorded: next.tick.to_string(), replayed });
@@ -108,6 +110,7 @@ impl<I: Iterator<Item = Sample>> Clock for ReplayClock<'_, I> {
         let mut inner = self.0.inner.borrow_mut();
         let next = inner.samples.next();
         inner.current = std::mem::replace(&mut inner.following, next);
+        inner.judged = false;
         let (woken_ns, lateness_ns, behind_ns) =
             inner.current.map_or((0, 0, 0), |s| (s.woken_ns, s.lateness_ns, u64::from(s.behind_ns)));
         Wake { tick: Tick::at(index), woken_ns, lateness_ns, behind_ns }
@@ -151,8 +154,9 @@ impl<I: Iterator<Item = Sample>> Operator for ReplayOperator<'_, I> {
     fn demand(&mut self, _now: Tick) -> Demand {
         let pressed = Trip { tick: 0, channel: Channel::EmergencyStop, value: 0.0, breach: Breach::Demanded };
         match self.0.current() {
-            Some(sample) if sample.trip == pressed.code() => Demand::EmergencyStop,
+            // Looked at first: who asked for a stop at this tick did not press the button at it.
             Some(sample) if sample.flags & flags::STOPPED != 0 => Demand::Stop,
+            Some(sample) if sample.trip == pressed.code() => Demand::EmergencyStop,
             _ => Demand::None,
         }
     }
@@ -163,6 +167,7 @@ struct Comparison<'a, I>(&'a Replay<I>);
 impl<I: Iterator<Item = Sample>> Publish for Comparison<'_, I> {
     fn publish(&mut self, sample: &Sample) -> Handover {
         let mut inner = self.0.inner.borrow_mut();
+        inner.judged = true;
         if inner.difference.is_some() {
             return Handover::Taken;
         }

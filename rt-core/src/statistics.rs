@@ -5,7 +5,6 @@ use std::fmt;
 use crate::flight::FlightTick;
 use crate::publish::Handover;
 use crate::supervisor::Trip;
-use crate::types::PERIOD_NS;
 
 /// Counts of one run; constant in size however long the run is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -31,7 +30,7 @@ impl Statistics {
     pub(crate) fn account(&mut self, tick: &FlightTick, handover: Handover) {
         self.ticks += 1;
         self.skipped = tick.sample.skipped;
-        self.overruns += u64::from(tick.ended_ns > PERIOD_NS);
+        self.overruns += u64::from(tick.overran());
         self.not_taken += u64::from(handover == Handover::Lost);
         self.lateness_max_ns = self.lateness_max_ns.max(tick.sample.lateness_ns);
         self.tick_max_ns = self.tick_max_ns.max(tick.ended_ns.saturating_sub(tick.sample.lateness_ns));
@@ -71,7 +70,7 @@ impl fmt::Display for RunReport {
         match (&self.ended, &self.trip) {
             (_, Some(trip)) => write!(f, "tripped: {trip}")?,
             (Ended::Stopped, None) => write!(f, "stopped on request")?,
-            (Ended::Aborted, None) => write!(f, "aborted: a deadline was missed at tick {}", ticks + skipped)?,
+            (Ended::Aborted, None) => write!(f, "aborted: a deadline was missed before tick {}", (ticks + skipped).saturating_sub(1))?,
             (_, None) => write!(f, "completed")?,
         }
         if overruns > 0 {

@@ -1,200 +1,98 @@
 //! The tick and the run: order of the stages, meaning of sample k, safe state, endings.
-#![allow(clippy::unwrap_used, reason = "a helper of a test fails as the test does")]
 
-use std::cell::RefCell;
-use std::rc::Rc;
-use std::sync::atomic::{AtomicBool, Ordering};
+mod common;
 
+use common::world::{At, ORIGIN_NS, Rig, limits};
 use rt_core::{
-    Breach, Channel, Command, Controller, Device, DeviceError, Ended, Fixture, Handover, Limits, Lockstep, LoopError,
-    Measurement, Publish, Reference, RunReport, Sample, Stages, Step, Supervisor, Target, Tick, flags, run,
+    Breach, Channel, Command, Demand, Ended, Fixture, Input, Limits, LoopError, Measurement, PERIOD_NS, SAMPLE_VERSION,
+    SafeState, flags,
 };
-
-/// A tank whose pressure 1 rises by 0.01 bar per volt and tick; every call is noted.
-#[derive(Default)]
-struct Tank {
-    pressure_bar: f64,
-    acting_v: f64,
-    calls: Rc<RefCell<Vec<String>>>,
-    written: Vec<(u64, Command)>,
-    fail_read_at: Option<u64>,
-    fail_write_at: Option<u64>,
-    lose_pressure_from: Option<u64>,
-}
-
-impl Tank {
-    fn note(&self, what: &str, now: Tick) {
-        self.calls.borrow_mut().push(format!("{what} {}", now.index));
-    }
-}
-
-fn broken(now: Tick) -> DeviceError {
-    DeviceError { device: "tank", tick: now.index, what: "expected an answer, got none".to_owned() }
-}
-
-impl Device for Tank {
-    fn read(&mut self, now: Tick) -> Result<Measurement, DeviceError> {
-        self.note("read", now);
-        if self.fail_read_at == Some(now.index) {
-            return Err(broken(now));
-        }
-        self.pressure_bar += 0.01 * self.acting_v;
-        let lost = self.lose_pressure_from.is_some_and(|from| now.index >= from);
-        let pressure1_bar = if lost { f64::NAN } else { 2.0 + self.pressure_bar };
-        Ok(Measurement { angle_deg: 0.0, pressure1_bar, pressure2_bar: 2.0, ..Measurement::NONE })
-    }
-
-    fn write(&mut self, now: Tick, command: &Command) -> Result<(), DeviceError> {
-        self.note("write", now);
-        if self.fail_write_at == Some(now.index) {
-            return Err(broken(now));
-        }
-        self.acting_v = command.voltage_v;
-        self.written.push((now.index, *command));
-        Ok(())
-    }
-}
-
-/// A constant voltage over some ticks; the segment counts from 7.
-struct Script {
-    ticks: u64,
-    voltage_v: f64,
-    calls: Rc<RefCell<Vec<String>>>,
-}
-
-impl Reference for Script {
-    fn step(&mut self, now: Tick, _measured: &Measurement) -> Step {
-        self.calls.borrow_mut().push(format!("reference {}", now.index));
-        Step {
-            target: Target::VoltageV(self.voltage_v),
-            brake_open: true,
-            bypass_open: false,
-            fixture: Fixture::Free,
-            segment: 7 + now.index as u32 / 10,
-            last: now.index + 1 == self.ticks,
-        }
-    }
-}
-
-struct Follow {
-    calls: Rc<RefCell<Vec<String>>>,
-    not_a_number_at: Option<u64>,
-}
-
-impl Controller for Follow {
-    fn control(&mut self, now: Tick, _measured: &Measurement, step: &Step) -> f64 {
-        self.calls.borrow_mut().push(format!("control {}", now.index));
-        match step.target {
-            _ if self.not_a_number_at == Some(now.index) => f64::NAN,
-            Target::VoltageV(voltage_v) | Target::FlowMlS(voltage_v) => voltage_v,
-        }
-    }
-}
-
-struct Book {
-    samples: Vec<Sample>,
-    calls: Rc<RefCell<Vec<String>>>,
-    full_after: usize,
-}
-
-impl Publish for Book {
-    fn publish(&mut self, sample: &Sample) -> Handover {
-        self.calls.borrow_mut().push(format!("publish {}", sample.tick));
-        if self.samples.len() >= self.full_after {
-            return Handover::Lost;
-        }
-        self.samples.publish(sample)
-    }
-}
-
-/// Everything a run needs, and what it left.
-struct Rig {
-    tank: Tank,
-    script: Script,
-    follow: Follow,
-    supervisor: Supervisor,
-    book: Book,
-}
-
-impl Rig {
-    fn new(ticks: u64, voltage_v: f64) -> Self {
-        let calls = Rc::new(RefCell::new(Vec::new()));
-        let limits = Limits { pressure_max_bar: 3.0, aftermath_ticks: 5, missing_max_ticks: 3, ..Limits::default() };
-        Rig {
-            tank: Tank { calls: calls.clone(), ..Tank::default() },
-            script: Script { ticks, voltage_v, calls: calls.clone() },
-            follow: Follow { calls: calls.clone(), not_a_number_at: None },
-            supervisor: Supervisor::new(limits).unwrap(),
-            book: Book { samples: Vec::new(), calls, full_after: usize::MAX },
-        }
-    }
-
-    fn run(&mut self, number: u32) -> Result<RunReport, LoopError> {
-        self.run_with(number, &AtomicBool::new(false))
-    }
-
-    fn run_with(&mut self, number: u32, stop: &AtomicBool) -> Result<RunReport, LoopError> {
-        let stages = Stages {
-            clock: &mut Lockstep::default(),
-            device: &mut self.tank,
-            supervisor: &mut self.supervisor,
-            reference: &mut self.script,
-            controller: &mut self.follow,
-            publish: &mut self.book,
-        };
-        run(stages, number, stop)
-    }
-
-    fn calls(&self) -> Vec<String> {
-        self.book.calls.borrow().clone()
-    }
-}
 
 #[test]
 fn stages_run_in_order_once_a_tick_and_the_safe_state_ends_the_run() {
     let mut rig = Rig::new(2, 1.0);
-    let report = rig.run(0).unwrap();
+    let report = rig.run_in_lockstep(0).unwrap();
     let expected = "read 0, reference 0, control 0, write 0, publish 0, \
                     read 1, reference 1, control 1, write 1, publish 1, write 2";
-    assert_eq!(rig.calls().join(", "), expected);
+    assert_eq!(rig.world.calls().join(", "), expected);
     assert_eq!((report.ended, report.statistics.ticks), (Ended::Completed, 2));
-    assert_eq!(rig.tank.written[2], (2, Command { segment: 7, ..Command::SAFE }));
+    assert_eq!(rig.tank.written[2], (2, SafeState::default().command(Fixture::Free, 7)));
 }
 
 #[test]
 fn sample_k_holds_the_state_at_k_and_the_command_that_acts_from_k() {
     let mut rig = Rig::new(30, 2.0);
-    rig.run(42).unwrap();
+    rig.run_in_lockstep(42).unwrap();
     let samples = &rig.book.samples;
     assert_eq!(samples.len(), 30);
     for (k, sample) in samples.iter().enumerate() {
-        assert_eq!((sample.run, sample.tick, sample.scheduled_ns), (42, k as u64, k as u64 * 1_000_000));
+        assert_eq!((sample.version, sample.run, sample.tick), (SAMPLE_VERSION, 42, k as u64));
+        assert_eq!((sample.scheduled_ns, sample.sequence()), (k as u64 * 1_000_000, k as u64));
         // The command of tick 0 shows for the first time in the measurement of tick 1.
         assert!((sample.pressure1_bar - (2.0 + 0.02 * k as f64)).abs() < 1e-12, "tick {k}");
         assert_eq!((sample.voltage_v, sample.brake_open(), sample.bypass_open()), (2.0, true, false));
-        assert_eq!(sample.segment, 7 + k as u32 / 10);
+        assert_eq!((sample.segment, sample.step), (7 + k as u32 / 10, k as u32 / 5));
+        assert_eq!(sample.flags & !flags::LAST, flags::BRAKE_OPEN, "nothing else happened");
         assert_eq!(sample.last(), k == 29);
-        assert!(!sample.tripped() && !sample.fault());
         assert!(sample.torque_nm.is_nan() && sample.volume_ml.is_nan(), "not measured stays NaN");
+        assert_eq!(sample.quality, Input::Angle.bit() | Input::Pressure1.bit() | Input::Pressure2.bit());
+        assert_eq!((sample.woken_ns, sample.execution_ns(), sample.publish_ns), (0, 0, 0), "virtual time");
     }
+}
+
+#[test]
+fn a_sample_says_how_far_to_trust_its_values() {
+    let mut rig = Rig::new(3, 0.0);
+    let forge: fn(&mut Measurement) = |measured| {
+        measured.age_ns = [1, 2, 3, 4, 5];
+        measured.heartbeat_age_ns = 6;
+        measured.faulty = Input::Pressure2.bit() | 1 << 31;
+    };
+    rig.tank.forge = Some((1, forge));
+    rig.run_in_lockstep(0).unwrap();
+    let sample = rig.sample(1);
+    assert_eq!((sample.age_ns, sample.heartbeat_age_ns), ([1, 2, 3, 4, 5], 6));
+    assert_eq!(sample.quality, Input::Angle.bit() | Input::Pressure1.bit() | Input::Pressure2.bit() << 8);
+    assert_eq!(sample.pressure2_bar, 2.0, "what the device calls wrong is published as it came");
+    let measured = sample.measurement();
+    assert_eq!((measured.age_ns, measured.heartbeat_age_ns), ([1, 2, 3, 4, 5], 6));
+    assert_eq!((measured.faulty, measured.valid()), (Input::Pressure2.bit(), sample.quality & 0xff));
+}
+
+#[test]
+fn each_stage_is_timed_under_its_own_name() {
+    let mut rig = Rig::new(10, 0.0);
+    for (at, share) in [At::Wake, At::Read, At::Reference, At::Control, At::Write, At::Publish].into_iter().zip(1..) {
+        rig.world.delay(at, 4, 0.01 * f64::from(share));
+    }
+    let report = rig.run(0).unwrap();
+    let sample = rig.sample(4);
+    assert_eq!((sample.lateness_ns, sample.behind_ns), (10_000, 0));
+    assert_eq!(sample.woken_ns, ORIGIN_NS + 4 * PERIOD_NS + 10_000);
+    assert_eq!((sample.read_ns, sample.check_ns, sample.reference_ns), (20_000, 0, 30_000));
+    assert_eq!((sample.control_ns, sample.write_ns), (40_000, 50_000));
+    assert_eq!((sample.publish_ns, rig.sample(5).publish_ns), (0, 60_000), "a hand-over is told by the next sample");
+    let statistics = report.statistics;
+    assert_eq!((statistics.lateness_max_ns, statistics.tick_max_ns, statistics.overruns), (10_000, 200_000, 0));
 }
 
 #[test]
 fn two_runs_of_the_same_script_are_identical_bit_by_bit() {
     let record = || {
-        let mut rig = Rig::new(200, 0.4);
-        rig.run(1).unwrap();
-        let bits =
-            |s: &Sample| (s.tick, s.pressure1_bar.to_bits(), s.voltage_v.to_bits(), s.angle_deg.to_bits(), s.flags);
-        rig.book.samples.iter().map(bits).collect::<Vec<_>>()
+        let mut rig = Rig::with(Limits { pressure_max_bar: 9.0, missing_max_ticks: 9, ..limits() }, 400, 0.4);
+        rig.tank.noisy = true;
+        rig.run_in_lockstep(1).unwrap();
+        // NaN is not equal to itself.
+        rig.book.samples.iter().map(|s| format!("{s:?} {:x}", s.pressure1_bar.to_bits())).collect::<Vec<_>>()
     };
     assert_eq!(record(), record());
+    assert_eq!(record().len(), 400);
 }
 
 #[test]
 fn a_trip_is_safe_within_its_tick_latches_and_is_reported() {
     let mut rig = Rig::new(1000, 10.0);
-    let report = rig.run(0).unwrap();
+    let report = rig.run_in_lockstep(0).unwrap();
     // 2.0 + 0.1 k exceeds 3.0 at tick 11 (at tick 10 it is 3.0 but for rounding).
     let trip = report.trip.unwrap();
     assert!(trip.tick == 10 || trip.tick == 11);
@@ -205,34 +103,58 @@ fn a_trip_is_safe_within_its_tick_latches_and_is_reported() {
     assert_eq!(report.ended, Ended::Tripped);
 
     let (before, after) = rig.book.samples.split_at(k);
-    assert!(before.iter().all(|s| !s.tripped() && s.voltage_v == 10.0));
+    assert!(before.iter().all(|s| !s.tripped() && s.trip == 0 && s.voltage_v == 10.0));
     assert!(after.iter().all(|s| s.tripped() && s.voltage_v == 0.0 && !s.brake_open() && s.bypass_open()));
+    assert!(after.iter().all(|s| s.trip == trip.code()));
     assert_eq!(after.len(), 6, "the tick itself and 5 of aftermath");
     assert!(after.last().unwrap().last() && !after[0].last());
     assert_eq!(after[0].segment, 7 + k as u32 / 10, "the segment goes on");
     assert!(rig.tank.written[k..].iter().all(|(_, command)| command.voltage_v == 0.0 && command.bypass_open));
-    assert!(!rig.calls().contains(&format!("control {k}")), "the controller does not integrate against a tripped rig");
+    assert!(!rig.world.calls().contains(&format!("control {k}")), "no controller integrates against a tripped rig");
     assert!(report.to_string().contains("pressure 1") && report.to_string().contains("above 3 bar"));
+}
+
+#[test]
+fn what_holds_the_lever_goes_on_holding_it_whatever_the_profile_does_after_the_trip_or_at_the_stop() {
+    let fixture = |tick| match tick {
+        0..20 => Fixture::Driven { angle_deg: 12.0 },
+        20..22 => Fixture::Clamped { angle_deg: -30.0 },
+        _ => Fixture::Free,
+    };
+    // A breach at the very tick at which the profile would lead the lever elsewhere, and a stop there.
+    for emergency in [true, false] {
+        let mut rig = Rig::new(1000, 1.0);
+        rig.script.fixture = fixture;
+        rig.people.0 = vec![(20, if emergency { Demand::EmergencyStop } else { Demand::Stop })];
+        let report = rig.run_in_lockstep(0).unwrap();
+        assert_eq!(report.ended, if emergency { Ended::Tripped } else { Ended::Stopped });
+        assert_eq!(rig.tank.written[19].1.fixture, Fixture::Driven { angle_deg: 12.0 });
+        for (tick, command) in &rig.tank.written[20..] {
+            assert_eq!(command.fixture, Fixture::Clamped { angle_deg: 12.0 }, "tick {tick}: neither led nor let go");
+        }
+    }
 }
 
 #[test]
 fn a_trip_is_cleared_by_the_operator_only() {
     let mut rig = Rig::new(50, 10.0);
-    let trip = rig.run(0).unwrap().trip.unwrap();
-    let writes = rig.tank.written.len();
-    assert_eq!(rig.run(1), Err(LoopError::StillTripped { run: 1, trip }));
-    assert_eq!(rig.tank.written.len(), writes, "a refused run touches nothing");
+    let trip = rig.run_in_lockstep(0).unwrap().trip.unwrap();
+    let calls = rig.world.calls().len();
+    for number in 1..4 {
+        assert_eq!(rig.run_in_lockstep(number), Err(LoopError::StillTripped { run: number, trip }));
+    }
+    assert_eq!(rig.world.calls().len(), calls, "a refused run touches nothing");
     rig.supervisor.reset();
     rig.tank.pressure_bar = 0.0;
     rig.script.voltage_v = 0.0;
-    assert_eq!(rig.run(2).unwrap().ended, Ended::Completed);
+    assert_eq!(rig.run_in_lockstep(4).unwrap().ended, Ended::Completed);
 }
 
 #[test]
 fn a_command_that_is_no_number_never_reaches_the_device() {
     let mut rig = Rig::new(100, 1.0);
     rig.follow.not_a_number_at = Some(4);
-    let report = rig.run(0).unwrap();
+    let report = rig.run_in_lockstep(0).unwrap();
     let trip = report.trip.unwrap();
     assert_eq!((trip.tick, trip.channel, trip.breach), (4, Channel::Voltage, Breach::NotFinite));
     assert!(rig.tank.written.iter().all(|(_, command)| command.voltage_v.is_finite()));
@@ -241,47 +163,59 @@ fn a_command_that_is_no_number_never_reaches_the_device() {
 }
 
 #[test]
-fn a_required_channel_may_be_missing_for_a_while_but_no_longer() {
-    let mut rig = Rig::new(100, 0.0);
-    rig.tank.lose_pressure_from = Some(20);
-    let trip = rig.run(0).unwrap().trip.unwrap();
-    assert_eq!((trip.tick, trip.channel, trip.breach), (23, Channel::Pressure1, Breach::Missing(3)));
-    assert!(trip.value.is_nan());
-}
-
-#[test]
-fn a_stop_zeroes_the_output_and_closes_the_run() {
-    let mut rig = Rig::new(u64::MAX, 1.0);
-    let stop = AtomicBool::new(true);
-    let report = rig.run_with(0, &stop).unwrap();
-    assert_eq!(report.ended, Ended::Stopped);
-    assert_eq!(rig.book.samples.len(), 1);
-    let sample = rig.book.samples[0];
-    assert!(sample.last() && !sample.tripped() && sample.voltage_v == 0.0 && sample.bypass_open());
-    assert!(stop.load(Ordering::Relaxed), "who stops decides when to go on");
+fn a_stop_zeroes_the_output_at_once_in_spite_of_the_slew_limit_and_closes_the_run() {
+    let mut rig = Rig::with(Limits { slew_max_v_s: 1000.0, ..limits() }, u64::MAX, 5.0);
+    rig.people.0 = vec![(7, Demand::Stop)];
+    let report = rig.run_in_lockstep(0).unwrap();
+    assert_eq!((report.ended, report.trip), (Ended::Stopped, None));
+    assert_eq!(rig.book.samples.len(), 8);
+    assert_eq!(rig.sample(6).voltage_v, 5.0);
+    let sample = rig.sample(7);
+    assert!(sample.voltage_v == 0.0 && !sample.brake_open() && sample.bypass_open());
+    assert_eq!(sample.flags & !flags::BYPASS_OPEN, flags::LAST | flags::STOPPED, "nothing latches");
+    assert!(!rig.world.calls().contains(&"control 7".to_owned()));
 }
 
 #[test]
 fn a_device_that_fails_is_made_safe_and_the_run_is_closed() {
     for (read, write) in [(Some(3), None), (None, Some(3))] {
-        let mut rig = Rig::new(100, 1.0);
+        let mut rig = Rig::with(Limits { slew_max_v_s: 100.0, ..limits() }, 100, 1.0);
         (rig.tank.fail_read_at, rig.tank.fail_write_at) = (read, write);
-        let error = rig.run(0).unwrap_err();
+        rig.script.fixture = |tick| if tick < 3 { Fixture::Clamped { angle_deg: 4.0 } } else { Fixture::Free };
+        let error = rig.run_in_lockstep(0).unwrap_err();
         let LoopError::Device { source, safe_state, .. } = &error else { panic!("{error}") };
         assert_eq!(source.tick, 3);
         assert_eq!(safe_state.is_ok(), write.is_none(), "whether it could be written is said");
         assert_eq!(error.to_string().contains("NOT written"), write.is_some(), "{error}");
         let last = rig.book.samples.last().unwrap();
         assert_eq!((last.tick, last.fault(), last.last()), (3, true, true));
-        assert!(last.pressure1_bar.is_nan() && last.voltage_v == 0.0 && last.flags & flags::BYPASS_OPEN != 0);
+        assert!(last.pressure1_bar.is_nan() && last.voltage_v == 0.0);
+        assert_eq!(last.flags, flags::FAULT | flags::LAST | flags::BYPASS_OPEN, "no flag of a command that did not act");
+        let held: Command = SafeState::default().command(Fixture::Clamped { angle_deg: 4.0 }, 7);
+        assert_eq!(rig.tank.written.last(), Some(&(if read.is_some() { (3, held) } else { (2, rig.tank.written[2].1) })));
     }
 }
 
 #[test]
+fn a_safe_state_that_can_not_be_written_at_the_end_is_an_error() {
+    let mut rig = Rig::new(10, 1.0);
+    rig.tank.fail_write_at = Some(10);
+    let error = rig.run_in_lockstep(0).unwrap_err();
+    assert!(error.to_string().contains("NOT written"), "{error}");
+    assert!(rig.book.samples.last().unwrap().last(), "whoever follows the samples knows that the run is over");
+}
+
+#[test]
 fn samples_that_nobody_takes_are_counted_and_do_not_stop_the_loop() {
-    let mut rig = Rig::new(100, 0.0);
-    rig.book.full_after = 60;
-    let report = rig.run(0).unwrap();
-    assert_eq!((report.statistics.ticks, report.statistics.not_taken), (100, 40));
-    assert!(report.to_string().contains("40 samples"));
+    for patient in [false, true] {
+        let mut rig = Rig::new(100, 0.0);
+        (rig.book.room, rig.book.patient) = (60, patient);
+        let report = rig.run_in_lockstep(0).unwrap();
+        let lost = if patient { 39 } else { 40 };
+        assert_eq!((report.statistics.ticks, report.statistics.not_taken), (100, lost));
+        assert!(report.to_string().contains(&format!("{lost} samples")));
+        assert_eq!(rig.book.samples.last().unwrap().last(), patient, "the last one is handed over again");
+        let calls = rig.world.calls().join(", ");
+        assert!(calls.ends_with("publish 99, write 100, publish patiently 99"), "not before the rig is safe");
+    }
 }

@@ -109,14 +109,25 @@ impl Supervisor {
         } else {
             self.latch(now, Channel::Voltage, command.voltage_v, Breach::NotFinite);
         }
-        let released = match self.trip {
-            Some(_) => self.limits.safe_state.command(command.fixture, command.segment),
-            None => Command { voltage_v: self.slewed(now, command.voltage_v), ..command },
-        };
-        self.slew_limited = self.trip.is_none() && released.voltage_v != command.voltage_v;
+        if self.trip.is_some() {
+            return self.rest(now, command.fixture, command.segment);
+        }
+        let released = Command { voltage_v: self.slewed(now, command.voltage_v), ..command };
+        self.slew_limited = released.voltage_v != command.voltage_v;
         self.acting = Some(released.fixture);
         self.released = Some((now, released.voltage_v));
         released
+    }
+
+    /// The safe state as this tick's command: after a trip, or because the run is to end. The slew limit does not hold it
+    /// back. What holds the lever goes on holding it, whatever fixture the profile has come to; `fixture` counts only
+    /// where nothing was commanded before.
+    pub fn rest(&mut self, now: Tick, fixture: Fixture, segment: u32) -> Command {
+        let safe = self.limits.safe_state.command(self.acting.unwrap_or(fixture), segment);
+        self.slew_limited = false;
+        self.acting = Some(safe.fixture);
+        self.released = Some((now, safe.voltage_v));
+        safe
     }
 
     /// Whether the voltage of the last command was held back by the slew limit.

@@ -27,6 +27,24 @@ pub enum Channel {
 }
 
 impl Channel {
+    /// All of them, in the order of their numbers.
+    pub const ALL: [Channel; 9] = [
+        Channel::Pressure1,
+        Channel::Pressure2,
+        Channel::Angle,
+        Channel::Velocity,
+        Channel::Torque,
+        Channel::Voltage,
+        Channel::Heartbeat,
+        Channel::Deadline,
+        Channel::EmergencyStop,
+    ];
+
+    /// The channel of a sample's [`Trip::code`]; `None` for 0 and for what no trip has.
+    pub fn of_code(code: u32) -> Option<Channel> {
+        Channel::ALL.into_iter().find(|&channel| channel as u32 == code & 0xff)
+    }
+
     /// Name for people.
     pub fn name(self) -> &'static str {
         match self {

@@ -1,0 +1,123 @@
+//! Processes that are killed: neither a logger nor a service leaves anything in the way of the others.
+#![allow(clippy::unwrap_used, reason = "a helper of a test fails as the test does")]
+
+mod common;
+
+use std::process::{Child, Command as Process, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use common::logger::{SOON, assert_all_there, instance, logger, publish_run, sample};
+use rt_core::{Delivery, LossCertificate, Pace, Publication, Publish, SampleSubscriber};
+
+/// Set for the process that plays the logger to be killed.
+const PLAY_LOGGER: &str = "RT_CORE_TEST_PLAY_LOGGER";
+
+/// Not a test of its own: the other process of the test below, which takes a few samples and then stands still.
+#[test]
+fn play_a_logger_in_a_process_of_its_own() {
+    let Ok(instance) = std::env::var(PLAY_LOGGER) else { return };
+    let mut subscriber = SampleSubscriber::open(&instance, Delivery::Lossless).unwrap();
+    let mut samples = Vec::new();
+    while samples.is_empty() {
+        subscriber.receive(Duration::from_millis(100), &mut samples).unwrap();
+    }
+    thread::sleep(SOON * 4);
+}
+
+/// Set for the process that plays the service to be killed.
+const PLAY_SERVICE: &str = "RT_CORE_TEST_PLAY_SERVICE";
+
+/// Not a test of its own: the other process of a test below, which publishes the first half of run 0.
+#[test]
+fn play_a_service_in_a_process_of_its_own() {
+    let Ok(instance) = std::env::var(PLAY_SERVICE) else { return };
+    let mut publication = Publication::start(&instance, Pace::LOCKSTEP).unwrap();
+    publication.wait_for_loggers(1, SOON).unwrap();
+    for tick in 0..500 {
+        publication.publish(&sample(0, tick, false));
+    }
+    thread::sleep(SOON * 4);
+}
+
+/// Starts this test binary once more, to play one of the parts above.
+fn play(part: &str, variable: &str, instance: &str) -> Killed {
+    let process = Process::new(std::env::current_exe().unwrap())
+        .args(["--exact", part])
+        .env(variable, instance)
+        .stdout(Stdio::null())
+        .spawn();
+    Killed(process.unwrap())
+}
+
+/// Ends the process also when the test fails.
+struct Killed(Child);
+
+impl Killed {
+    fn kill(&mut self) {
+        self.0.kill().unwrap();
+        self.0.wait().unwrap();
+    }
+}
+
+impl Drop for Killed {
+    fn drop(&mut self) {
+        // It may be dead already.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+#[test]
+fn a_logger_process_that_is_killed_does_not_hang_the_run_nor_harm_another_logger() {
+    let instance = instance("killed");
+    let mut publication = Publication::start(&instance, Pace::Lockstep { patience: SOON * 2 }).unwrap();
+    let mut victim = play("play_a_logger_in_a_process_of_its_own", PLAY_LOGGER, &instance);
+    let log = logger(&instance, Delivery::Lossless, 2, Duration::ZERO);
+    publication.wait_for_loggers(2, SOON).unwrap();
+    let begin = Instant::now();
+    let publisher = thread::spawn(move || {
+        publish_run(&mut publication, 0, 50_000);
+        publish_run(&mut publication, 1, 50_000);
+        let settled = publication.settle(SOON).unwrap();
+        (publication, settled)
+    });
+    // By now the run stands still: the victim has stopped to take its samples.
+    thread::sleep(Duration::from_millis(300));
+    assert!(!publisher.is_finished(), "the victim was waited for");
+    victim.kill();
+    let (publication, settled) = publisher.join().unwrap();
+    assert!(begin.elapsed() < SOON, "well before the patience is over");
+    assert_eq!((settled.published, settled.pending), (100_000, 0));
+    assert!(settled.loggers <= 1, "the dead one was removed; the other one may have left already");
+    assert!(log.join().unwrap().certificates.iter().all(LossCertificate::is_lossless));
+    publication.stop().unwrap();
+}
+
+#[test]
+fn a_service_that_is_killed_leaves_no_debris_in_the_way_of_the_next_one() {
+    let instance = instance("restart");
+    let mut subscriber = SampleSubscriber::open(&instance, Delivery::Lossless).unwrap();
+    let mut victim = play("play_a_service_in_a_process_of_its_own", PLAY_SERVICE, &instance);
+    let mut samples = Vec::new();
+    let begin = Instant::now();
+    while samples.len() < 500 {
+        assert!(begin.elapsed() < SOON, "{} samples", samples.len());
+        subscriber.receive(Duration::from_millis(100), &mut samples).unwrap();
+    }
+    victim.kill();
+
+    // Without the removal of what the killed process left, the instance would be in use for ever.
+    let mut publication = Publication::start(&instance, Pace::LOCKSTEP).unwrap();
+    publication.wait_for_loggers(1, SOON).unwrap();
+    publish_run(&mut publication, 0, 1000);
+    while samples.len() < 1500 {
+        assert!(begin.elapsed() < SOON, "{} samples", samples.len());
+        subscriber.receive(Duration::from_millis(100), &mut samples).unwrap();
+    }
+    // Both services counted their runs from 0; the subscriber keeps them apart.
+    let (first, second) = (subscriber.take_certificate().unwrap(), subscriber.take_certificate().unwrap());
+    assert_eq!((first.received, first.end_seen), (500, false));
+    assert_eq!((second.received, second.is_lossless()), (1000, true));
+    assert_all_there(&samples[500..], 0, 1000);
+}
