@@ -60,10 +60,10 @@ impl Table {
     }
 
     pub fn parse(text: &str, file: &str) -> Result<Table, ScriptError> {
-        let error = |line: u64, what: String| ScriptError { file: file.to_owned(), line: line as usize, what };
-        let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
-        let bad =
-            |e: csv::Error| error(e.position().map_or(1, csv::Position::line), format!("expected a CSV table: {e}"));
+        let error = |line: usize, what: String| ScriptError { file: file.to_owned(), line, what };
+        let mut lines = Lines { text, offset: 0, line: 1 };
+        let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).flexible(true).from_reader(text.as_bytes());
+        let bad = |e: csv::Error| error(1, format!("expected a CSV table: {e}"));
         let header = reader.headers().map_err(bad)?;
         if header.iter().ne(["time_s", "value"]) {
             let got: Vec<_> = header.iter().collect();
@@ -72,7 +72,10 @@ impl Table {
         let mut rows: Vec<Row> = Vec::new();
         for record in reader.records() {
             let record = record.map_err(bad)?;
-            let line = record.position().map_or(1, csv::Position::line);
+            let line = lines.of(record.position().map_or(0, |position| position.byte() as usize));
+            if record.len() != 2 {
+                return Err(error(line, format!("expected 2 columns, time_s and value, got {}", record.len())));
+            }
             let number = |column: usize, name: &str| {
                 let field = record.get(column).unwrap_or_default();
                 field.parse().ok().filter(|value: &f64| value.is_finite()).ok_or_else(|| {
@@ -94,7 +97,7 @@ impl Table {
                     let what = format!("column 1 (time_s): times must increase, got {time_s} after {before_s}");
                     return Err(error(line, what));
                 }
-                _ => rows.push(Row { time_ns, value, line: line as usize }),
+                _ => rows.push(Row { time_ns, value, line }),
             }
         }
         if rows.is_empty() {
@@ -111,6 +114,26 @@ impl Table {
             let _ = writeln!(text, "{}.{:09},{value}", time_ns / 1_000_000_000, time_ns % 1_000_000_000);
         }
         text
+    }
+}
+
+/// Counts lines up to the records of a text, in their order.
+struct Lines<'a> {
+    text: &'a str,
+    offset: usize,
+    line: usize,
+}
+
+impl Lines<'_> {
+    /// Line of the record that is read from here on: the reader's place lies before the empty lines that it skips.
+    fn of(&mut self, offset: usize) -> usize {
+        let rest = self.text.get(offset..).unwrap_or_default();
+        let empty = rest.len() - rest.trim_start_matches(['\r', '\n']).len();
+        let begins = offset + empty;
+        let passed = self.text.get(self.offset..begins).unwrap_or_default();
+        self.line += passed.bytes().filter(|&byte| byte == b'\n').count();
+        self.offset = begins;
+        self.line
     }
 }
 
