@@ -8,6 +8,7 @@ pub mod failure;
 pub mod incident;
 pub mod interrupt;
 pub mod keyboard;
+pub mod latency;
 pub mod logger;
 pub mod progress;
 pub mod report;

@@ -3,6 +3,7 @@
 mod demo;
 mod diagnose;
 mod identify;
+mod latency;
 mod replay;
 pub mod results;
 mod run;
@@ -31,6 +32,7 @@ enum Command {
     Identify(identify::Args),
     Diagnose(diagnose::Args),
     Simulate(simulate::Args),
+    Latency(latency::Args),
 }
 
 /// Runs what the command line asks for.
@@ -43,6 +45,7 @@ pub fn run(cli: &Cli, progress: &Progress) -> Result<(), Failure> {
         Command::Identify(args) => identify::run(args, progress),
         Command::Diagnose(args) => diagnose::run(args, progress),
         Command::Simulate(args) => simulate::run(args, progress),
+        Command::Latency(args) => latency::run(args, progress),
     }
 }
 
