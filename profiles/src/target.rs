@@ -23,7 +23,7 @@ const MAX_STEPS: f64 = 100_000.0;
 
 impl WaveName {
     /// The keys that it needs, and those that it may have.
-    fn keys(self) -> (&'static [&'static str], &'static [&'static str]) {
+    pub fn keys(self) -> (&'static [&'static str], &'static [&'static str]) {
         match self {
             WaveName::Step => (&["value"], &[]),
             WaveName::Ramp => (&["to"], &["from", "rate_per_s"]),
