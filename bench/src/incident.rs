@@ -10,6 +10,9 @@ use std::path::{Path, PathBuf};
 /// Files that one run leaves at most; what happens after that is counted.
 const FILES_MAX: usize = 20;
 
+/// Incidents that are told while the run goes on; those after them are in the recording.
+const TOLD_MAX: usize = 3;
+
 /// The incidents of one run.
 pub struct Incidents {
     recording: PathBuf,
@@ -42,9 +45,13 @@ impl Incidents {
                         self.unwritten += 1;
                     }
                 }
-                progress.say(&text);
             } else {
                 self.unwritten += 1;
+            }
+            match self.events.len() {
+                told if told < TOLD_MAX => progress.say(&text),
+                TOLD_MAX => progress.say("further incidents are told in the recording and its files only"),
+                _ => {}
             }
             self.events.push(Event {
                 tick: incident.tick,

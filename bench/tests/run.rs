@@ -158,6 +158,32 @@ fn an_orderly_stop_is_130_and_latches_nothing() {
 }
 
 #[test]
+fn a_killed_service_leaves_a_readable_part_and_nothing_that_blocks_the_next_start() {
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    let file = |name: &str| dir.path().join(name).display().to_string();
+    let instance = instance("killed");
+    let long = profile(dir.path(), 600, "");
+    let mut command = bench(&["run", &long, "--realtime", "--out", &file("killed.mcap"), "--instance", &instance]);
+    let mut run = Running(command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the program starts"));
+    let part = dir.path().join("killed.mcap.part");
+    while !part.metadata().is_ok_and(|m| m.len() > 40_000) {
+        assert!(run.0.try_wait().expect("a child").is_none(), "the run ended by itself");
+        std::thread::sleep(std::time::Duration::from_millis(50));
+    }
+    run.0.kill().expect("it is ours");
+    run.0.wait().expect("a child");
+    // What is there can be read up to the cut, and the cut is told.
+    let items: Vec<_> = McapReader::open(&part).expect("a recording").collect();
+    let sound = items.iter().filter(|item| matches!(item, Ok(Item::Sample(_)))).count();
+    assert!(sound > 500, "{sound} samples");
+    assert!(items.last().is_some_and(Result::is_err), "an unfinished recording says so");
+
+    let short = profile(dir.path(), 1, "");
+    let again = output(&["run", &short, "--realtime", "--out", &file("again.mcap"), "--instance", &instance]);
+    assert!(again.status.success(), "{}", stderr(&again));
+}
+
+#[test]
 fn nobody_to_stop_is_exit_code_4() {
     let stop = output(&["stop", "--instance", &instance("nobody")]);
     assert_eq!(stop.status.code(), Some(4));

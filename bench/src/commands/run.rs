@@ -91,7 +91,9 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
         progress.result(&Timing::of_recording(&path)?.to_string());
     }
     progress.result(&format!("recording: {}", path.display()));
-    finished.incidents.iter().for_each(|file| progress.result(&format!("incident: {}", file.display())));
+    if let Some(first) = finished.incidents.first() {
+        progress.result(&format!("incidents: {} files, the first {}", finished.incidents.len(), first.display()));
+    }
     judge(&script.name, &finished.report)?;
     certify(&script.name, &finished.certificate)
 }
