@@ -215,8 +215,7 @@ pub fn recorder() -> (FlightRecorder, FlightLog) {
     let (mut spare_in, spare_out) = HeapRb::new(SPARES + 1).split();
     let (kept_in, kept_out) = HeapRb::new(SPARES + 1).split();
     spare_in.push_iter((0..SPARES).map(|_| Ring::new()));
-    let recorder =
-        FlightRecorder { ring: Ring::new(), spares: spare_out, kept: kept_in, tripped: false, unwritten: 0 };
+    let recorder = FlightRecorder { ring: Ring::new(), spares: spare_out, kept: kept_in, tripped: false, unwritten: 0 };
     (recorder, FlightLog { kept: kept_out, spares: spare_in })
 }
 

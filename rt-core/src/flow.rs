@@ -211,6 +211,33 @@ mod tests {
     }
 
     #[test]
+    fn what_counts_is_the_samples_not_the_ticks_that_were_passed_over() {
+        let mut flow = Flow::new(100, PATIENCE);
+        flow.present(&[1]);
+        for (tick, skipped) in [(0, 0), (1, 0), (70, 68), (71, 68)] {
+            flow.sent(&Sample { tick, skipped, ..Sample::BLANK });
+        }
+        assert_eq!(samples(&mut flow, 0), 96);
+        flow.progress(1, 0, 3);
+        assert_eq!((samples(&mut flow, 0), flow.taken_by_all()), (99, 3));
+        flow.progress(1, 0, 4);
+        assert_eq!((samples(&mut flow, 0), flow.taken_by_all()), (100, 4));
+    }
+
+    #[test]
+    fn numbers_that_ran_ahead_of_what_was_sent_free_no_room_that_is_not_there() {
+        let mut flow = Flow::new(100, PATIENCE);
+        flow.present(&[1]);
+        // Numbers 10..50 found no room in the queue and were never sent.
+        send(&mut flow, 0, 0..10);
+        send(&mut flow, 0, 50..60);
+        flow.progress(1, 0, 60);
+        assert_eq!((samples(&mut flow, 0), flow.taken_by_all()), (100, 20));
+        flow.progress(1, 3, 5);
+        assert_eq!(flow.taken_by_all(), 20, "nobody knows of run 3");
+    }
+
+    #[test]
     fn memory_stays_constant_over_many_runs() {
         let mut flow = Flow::new(100, PATIENCE);
         flow.present(&[1]);

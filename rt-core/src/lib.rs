@@ -27,6 +27,7 @@ pub mod overrun;
 pub mod publish;
 pub mod replay;
 mod rhythm;
+mod sender;
 pub mod statistics;
 pub mod subscribe;
 pub mod supervisor;

@@ -13,17 +13,12 @@ use std::sync::mpsc;
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use iceoryx2::port::notifier::Notifier;
-use iceoryx2::port::publisher::Publisher;
-use iceoryx2::port::subscriber::Subscriber;
-use ringbuf::traits::{Consumer, Observer, Producer, Split};
-use ringbuf::{HeapCons, HeapProd, HeapRb};
+use ringbuf::traits::{Producer, Split};
+use ringbuf::{HeapProd, HeapRb};
 
-use crate::flow::{Flow, LoggerId};
-use crate::rhythm::Rhythm;
-use crate::link::{BUFFER_SAMPLES, Ipc, Link, LinkError, Progress};
-use crate::system::time::{monotonic_ns, sleep_until_ns};
-use crate::types::{SAMPLE_VERSION, Sample};
+use crate::link::LinkError;
+use crate::sender::Sender;
+use crate::types::Sample;
 
 /// Where the loop's samples go.
 pub trait Publish {
@@ -71,27 +66,10 @@ impl Pace {
 
 /// Samples between the loop and the publication thread.
 const QUEUE_SAMPLES: usize = 4096;
-/// Samples that are sent between two wake-ups of the subscribers.
-const BATCH_SAMPLES: usize = 256;
-/// Samples that may be under way to a lossless logger. The rest of its buffer is kept for what is sent before the
-/// thread knows of a logger that has just joined.
-const WINDOW_SAMPLES: u64 = (BUFFER_SAMPLES - 8 * BATCH_SAMPLES) as u64;
-/// The thread looks for new loggers after this many batches, and whenever it is idle.
-const BATCHES_BETWEEN_LOOKS: u32 = 4;
-/// The same in real time, where a batch is one sample.
-const BATCHES_BETWEEN_LOOKS_IN_REAL_TIME: u32 = 100;
 /// Sleep of a side that waits for the other.
-const NAP: Duration = Duration::from_micros(100);
-/// Sleep of the thread when nothing has come for a while.
-const LONG_NAP: Duration = Duration::from_millis(1);
-/// Naps before the sleep gets longer.
-const NAPS_BEFORE_LONG: u32 = 200;
+pub(crate) const NAP: Duration = Duration::from_micros(100);
 /// How long the last sample of a real-time run waits for room in the queue.
 const PATIENCE_AFTER_RUN: Duration = Duration::from_secs(2);
-/// A run that is held up for this long asks whether the logger's process is still alive.
-const SUSPECT_AFTER: Duration = Duration::from_millis(50);
-/// Between two such questions.
-const SUSPECT_AGAIN: Duration = Duration::from_millis(100);
 
 /// The publication of one instance. Dropping it publishes what was handed over, then ends the thread.
 pub struct Publication {
@@ -104,12 +82,17 @@ pub struct Publication {
 
 /// What the thread lets the others know.
 #[derive(Debug, Default)]
-struct Shared {
-    stop: AtomicBool,
-    ended: AtomicBool,
-    sent: AtomicU64,
-    taken_by_all: AtomicU64,
-    loggers: AtomicUsize,
+pub(crate) struct Shared {
+    /// Publish what was handed over, then end.
+    pub stop: AtomicBool,
+    /// The thread has ended, for whatever reason.
+    pub ended: AtomicBool,
+    /// Samples that were published.
+    pub sent: AtomicU64,
+    /// As many of them as every lossless logger that is waited for has taken.
+    pub taken_by_all: AtomicU64,
+    /// Lossless loggers that are there.
+    pub loggers: AtomicUsize,
 }
 
 /// What [`Publication::settle`] found.
@@ -281,128 +264,67 @@ impl Drop for SetOnDrop {
     }
 }
 
-/// The publication thread's own things.
-struct Sender {
-    samples: Publisher<Ipc, Sample, ()>,
-    wake: Notifier<Ipc>,
-    progress: Subscriber<Ipc, Progress, ()>,
-    link: Link,
-    shared: Arc<Shared>,
-    pace: Pace,
-    flow: Flow,
-    begin: Instant,
-    suspected: Option<Instant>,
-    ids: Vec<LoggerId>,
-    rhythm: Rhythm,
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ringbuf::HeapCons;
 
-impl Sender {
-    fn open(instance: &str, pace: Pace, shared: Arc<Shared>) -> Result<Self, LinkError> {
-        let link = Link::open(instance)?;
-        let samples = link.loop_publisher()?;
-        let wake = link.wake.notifier_builder().create();
-        let wake = wake.map_err(|e| link.failed("create the notifier", e.to_string()))?;
-        let progress = link.progress.subscriber_builder().create();
-        let progress = progress.map_err(|e| link.failed("create the progress subscriber", e.to_string()))?;
-        let patience = match pace {
-            Pace::Lockstep { patience } => patience,
-            Pace::RealTime => Duration::ZERO,
-        };
-        let flow = Flow::new(WINDOW_SAMPLES, patience);
-        let (begin, ids) = (Instant::now(), Vec::new());
-        Ok(Sender { samples, wake, progress, link, shared, pace, flow, begin, suspected: None, ids, rhythm: Rhythm::default() })
+    /// A publication whose thread does nothing but to hold the other end of the queue, until it is told to panic.
+    fn doomed(pace: Pace) -> (Publication, HeapCons<Sample>, mpsc::Sender<()>) {
+        let (queue, from_loop) = HeapRb::new(8).split();
+        let shared = Arc::new(Shared::default());
+        let (die, death) = mpsc::channel();
+        let ended = SetOnDrop(Arc::clone(&shared));
+        let thread = thread::spawn(move || {
+            let _ended = ended;
+            let _ = death.recv();
+            panic!("as a test wants it");
+        });
+        (Publication { queue, shared, thread: Some(thread), pace, handed: 0 }, from_loop, die)
     }
 
-    fn serve(&mut self, mut queue: HeapCons<Sample>) -> Result<(), LinkError> {
-        let mut batch = Vec::with_capacity(BATCH_SAMPLES);
-        let (mut naps, mut batches) = (0_u32, 0_u32);
-        loop {
-            // Read before the queue: what was handed over before the stop is published.
-            let stop = self.shared.stop.load(Ordering::Acquire);
-            if self.time_to_look(batches, naps) {
-                self.look_for_loggers();
-                self.hear_progress()?;
-            }
-            let waiting = queue.occupied_len();
-            let room = if waiting > 0 { self.room() } else { 0 };
-            batch.clear();
-            batch.extend(queue.pop_iter().take(room.min(BATCH_SAMPLES)));
-            if let Some(newest) = batch.last() {
-                self.rhythm.heard(newest);
-                self.send(&batch)?;
-                naps = 0;
-                batches = batches.wrapping_add(1);
-            } else if waiting == 0 && stop {
-                return Ok(());
-            } else {
-                naps = if waiting == 0 { naps.saturating_add(1) } else { 1 };
-                match self.rhythm.next_look_ns(monotonic_ns()) {
-                    Some(look_ns) if waiting == 0 => sleep_until_ns(look_ns),
-                    _ => thread::sleep(if naps < NAPS_BEFORE_LONG { NAP } else { LONG_NAP }),
-                }
-            }
+    fn kill(publication: &Publication, die: mpsc::Sender<()>) {
+        drop(die);
+        while !publication.shared.ended.load(Ordering::Acquire) {
+            thread::sleep(NAP);
         }
     }
 
-    /// In virtual time the loggers' progress decides how fast the run may go; in real time nobody waits for it.
-    fn time_to_look(&self, batches: u32, naps: u32) -> bool {
-        match self.pace {
-            Pace::Lockstep { .. } => batches.is_multiple_of(BATCHES_BETWEEN_LOOKS) || naps > 0,
-            Pace::RealTime => batches.is_multiple_of(BATCHES_BETWEEN_LOOKS_IN_REAL_TIME) || naps >= NAPS_BEFORE_LONG,
+    #[test]
+    fn a_publication_that_died_takes_nothing_any_more_although_its_queue_has_room() {
+        for pace in [Pace::RealTime, Pace::LOCKSTEP] {
+            let (mut publication, _queue, die) = doomed(pace);
+            assert_eq!(publication.publish(&Sample::BLANK), Handover::Taken);
+            kill(&publication, die);
+            assert_eq!(publication.publish(&Sample::BLANK), Handover::Lost);
+            assert_eq!(publication.publish_patiently(&Sample::BLANK), Handover::Lost, "nobody to be patient with");
+            assert_eq!(publication.settle(Duration::from_secs(30)), Err(LinkError::Ended), "what it took is not out");
+            assert_eq!(publication.stop(), Err(LinkError::Ended));
         }
     }
 
-    fn send(&mut self, batch: &[Sample]) -> Result<(), LinkError> {
-        for sample in batch {
-            self.samples.send_copy(*sample).map_err(|e| {
-                self.link.broken("sending a sample", format!("{e} (run {}, tick {})", sample.run, sample.tick))
-            })?;
-            self.flow.sent(sample);
-        }
-        self.shared.sent.fetch_add(batch.len() as u64, Ordering::Release);
-        // A listener that does not read its wake-ups still gets its samples; it finds them when it looks.
-        if let Err(error) = self.wake.notify() {
-            tracing::debug!(%error, "wake-up of the subscribers");
-        }
-        Ok(())
+    #[test]
+    fn in_real_time_a_full_queue_loses_the_new_sample_and_waits_for_nobody() {
+        let (mut publication, queue, die) = doomed(Pace::RealTime);
+        let handed: Vec<_> = (0..12).map(|tick| publication.publish(&Sample { tick, ..Sample::BLANK })).collect();
+        assert_eq!(handed, [[Handover::Taken; 8].as_slice(), &[Handover::Lost; 4]].concat());
+        let mut queue = queue;
+        let kept: Vec<u64> = ringbuf::traits::Consumer::pop_iter(&mut queue).map(|s| s.tick).collect();
+        assert_eq!((kept, publication.handed), ((0..8).collect(), 8));
+        assert_eq!(publication.publish(&Sample::BLANK), Handover::Taken, "there is room again");
+        kill(&publication, die);
     }
 
-    fn look_for_loggers(&mut self) {
-        self.link.logger_ids(&mut self.ids);
-        self.flow.present(&self.ids);
-        self.shared.loggers.store(self.flow.loggers(), Ordering::Release);
-    }
-
-    fn hear_progress(&mut self) -> Result<(), LinkError> {
-        let broken = |e: &dyn std::fmt::Display| self.link.broken("reading the loggers' progress", e.to_string());
-        while let Some(message) = self.progress.receive().map_err(|e| broken(&e))? {
-            let Progress { version, run, next_sequence } = *message.payload();
-            if version == SAMPLE_VERSION {
-                self.flow.progress(message.origin().value(), run, next_sequence);
-            }
+    #[test]
+    fn in_lockstep_a_loop_that_waits_for_room_is_released_when_the_thread_dies() {
+        let (mut publication, _queue, die) = doomed(Pace::LOCKSTEP);
+        for _ in 0..8 {
+            assert_eq!(publication.publish(&Sample::BLANK), Handover::Taken);
         }
-        self.shared.taken_by_all.store(self.flow.taken_by_all(), Ordering::Release);
-        Ok(())
-    }
-
-    /// How many samples may be sent now.
-    fn room(&mut self) -> usize {
-        if self.pace == Pace::RealTime {
-            return usize::MAX;
-        }
-        let room = self.flow.room(self.begin.elapsed());
-        for logger in &room.given_up {
-            tracing::warn!(
-                logger = format!("{logger:x}"),
-                "a lossless logger stands still; the run goes on without it"
-            );
-        }
-        if room.held_for >= SUSPECT_AFTER && self.suspected.is_none_or(|at| at.elapsed() >= SUSPECT_AGAIN) {
-            // A killed process leaves its ports behind until somebody removes them.
-            self.link.node.try_cleanup_dead_nodes();
-            self.look_for_loggers();
-            self.suspected = Some(Instant::now());
-        }
-        usize::try_from(room.samples).unwrap_or(usize::MAX)
+        let waiting = thread::spawn(move || (publication.publish(&Sample::BLANK), publication));
+        drop(die);
+        let (handover, publication) = waiting.join().unwrap();
+        assert_eq!(handover, Handover::Lost);
+        assert_eq!(publication.stop(), Err(LinkError::Ended));
     }
 }

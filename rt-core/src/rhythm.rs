@@ -60,4 +60,29 @@ mod tests {
         rhythm.heard(&Sample::BLANK);
         assert_eq!(rhythm.next_look_ns(1), None, "virtual time has no schedule");
     }
+
+    #[test]
+    fn every_look_lies_ahead_and_it_never_spins() {
+        let mut rhythm = Rhythm::default();
+        rhythm.heard(&Sample { woken_ns: 5_000_000_000, lateness_ns: 0, ..Sample::BLANK });
+        let (mut now_ns, mut looks) = (5_000_000_000, 0);
+        while let Some(look_ns) = rhythm.next_look_ns(now_ns) {
+            assert!(look_ns >= now_ns + 12_000, "{now_ns} -> {look_ns}");
+            assert!(look_ns <= now_ns + PERIOD_NS + AFTER_TICK_NS, "{now_ns} -> {look_ns}");
+            now_ns = look_ns;
+            looks += 1;
+        }
+        let after_ns = now_ns - 5_000_000_000;
+        assert!((50 * PERIOD_NS..52 * PERIOD_NS).contains(&after_ns), "given up after {after_ns} ns");
+        assert!(looks < 50 * 30, "{looks} looks for a loop that is gone");
+    }
+
+    #[test]
+    fn a_sample_that_comes_late_does_not_shift_the_schedule() {
+        let mut rhythm = Rhythm::default();
+        for late_ns in [0, 300_000, 2_700_000] {
+            rhythm.heard(&Sample { woken_ns: 10_000_000 + late_ns, lateness_ns: late_ns, ..Sample::BLANK });
+            assert_eq!(rhythm.next_look_ns(10_100_000), Some(11_012_000));
+        }
+    }
 }

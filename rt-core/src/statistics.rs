@@ -70,7 +70,9 @@ impl fmt::Display for RunReport {
         match (&self.ended, &self.trip) {
             (_, Some(trip)) => write!(f, "tripped: {trip}")?,
             (Ended::Stopped, None) => write!(f, "stopped on request")?,
-            (Ended::Aborted, None) => write!(f, "aborted: a deadline was missed before tick {}", (ticks + skipped).saturating_sub(1))?,
+            (Ended::Aborted, None) => {
+                write!(f, "aborted: a deadline was missed before tick {}", (ticks + skipped).saturating_sub(1))?
+            }
             (_, None) => write!(f, "completed")?,
         }
         if overruns > 0 {

@@ -2,10 +2,10 @@
 
 mod common;
 
-use common::world::{At, ORIGIN_NS, Rig, limits};
+use common::world::{At, Forge, ORIGIN_NS, People, Rig, limits};
 use rt_core::{
-    Breach, Channel, Command, Demand, Ended, Fixture, Input, Limits, LoopError, Measurement, PERIOD_NS, SAMPLE_VERSION,
-    SafeState, flags,
+    Breach, Channel, Command, Demand, Ended, Fixture, Input, Limits, LoopError, PERIOD_NS, SAMPLE_VERSION, SafeState,
+    flags,
 };
 
 #[test]
@@ -43,7 +43,7 @@ fn sample_k_holds_the_state_at_k_and_the_command_that_acts_from_k() {
 #[test]
 fn a_sample_says_how_far_to_trust_its_values() {
     let mut rig = Rig::new(3, 0.0);
-    let forge: fn(&mut Measurement) = |measured| {
+    let forge: Forge = |measured| {
         measured.age_ns = [1, 2, 3, 4, 5];
         measured.heartbeat_age_ns = 6;
         measured.faulty = Input::Pressure2.bit() | 1 << 31;
@@ -125,7 +125,7 @@ fn what_holds_the_lever_goes_on_holding_it_whatever_the_profile_does_after_the_t
     for emergency in [true, false] {
         let mut rig = Rig::new(1000, 1.0);
         rig.script.fixture = fixture;
-        rig.people.0 = vec![(20, if emergency { Demand::EmergencyStop } else { Demand::Stop })];
+        rig.people = Box::new(People(vec![(20, if emergency { Demand::EmergencyStop } else { Demand::Stop })]));
         let report = rig.run_in_lockstep(0).unwrap();
         assert_eq!(report.ended, if emergency { Ended::Tripped } else { Ended::Stopped });
         assert_eq!(rig.tank.written[19].1.fixture, Fixture::Driven { angle_deg: 12.0 });
@@ -153,7 +153,7 @@ fn a_trip_is_cleared_by_the_operator_only() {
 #[test]
 fn a_command_that_is_no_number_never_reaches_the_device() {
     let mut rig = Rig::new(100, 1.0);
-    rig.follow.not_a_number_at = Some(4);
+    rig.follow.answer = Some((4, f64::NAN));
     let report = rig.run_in_lockstep(0).unwrap();
     let trip = report.trip.unwrap();
     assert_eq!((trip.tick, trip.channel, trip.breach), (4, Channel::Voltage, Breach::NotFinite));
@@ -165,7 +165,7 @@ fn a_command_that_is_no_number_never_reaches_the_device() {
 #[test]
 fn a_stop_zeroes_the_output_at_once_in_spite_of_the_slew_limit_and_closes_the_run() {
     let mut rig = Rig::with(Limits { slew_max_v_s: 1000.0, ..limits() }, u64::MAX, 5.0);
-    rig.people.0 = vec![(7, Demand::Stop)];
+    rig.people = Box::new(People(vec![(7, Demand::Stop)]));
     let report = rig.run_in_lockstep(0).unwrap();
     assert_eq!((report.ended, report.trip), (Ended::Stopped, None));
     assert_eq!(rig.book.samples.len(), 8);
@@ -190,9 +190,16 @@ fn a_device_that_fails_is_made_safe_and_the_run_is_closed() {
         let last = rig.book.samples.last().unwrap();
         assert_eq!((last.tick, last.fault(), last.last()), (3, true, true));
         assert!(last.pressure1_bar.is_nan() && last.voltage_v == 0.0);
-        assert_eq!(last.flags, flags::FAULT | flags::LAST | flags::BYPASS_OPEN, "no flag of a command that did not act");
+        assert_eq!(
+            last.flags,
+            flags::FAULT | flags::LAST | flags::BYPASS_OPEN,
+            "no flag of a command that did not act"
+        );
         let held: Command = SafeState::default().command(Fixture::Clamped { angle_deg: 4.0 }, 7);
-        assert_eq!(rig.tank.written.last(), Some(&(if read.is_some() { (3, held) } else { (2, rig.tank.written[2].1) })));
+        assert_eq!(
+            rig.tank.written.last(),
+            Some(&(if read.is_some() { (3, held) } else { (2, rig.tank.written[2].1) }))
+        );
     }
 }
 

@@ -4,7 +4,7 @@
 mod common;
 
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use common::logger::{SOON, instance, logger, run_still, sample};
 use rt_core::{Delivery, Ended, Handover, Pace, Publication, Publish, SampleSubscriber};

@@ -1,10 +1,11 @@
 //! What trips and what does not.
 #![allow(clippy::unwrap_used, reason = "a helper of a test fails as the test does")]
 
-use rt_core::{Breach, Channel, Command, Fixture, Limits, Measurement, Supervisor, Tick, Trip};
+use rt_core::{
+    Breach, Channel, Command, Demand, Fixture, Input, Limits, Measurement, SafeState, Supervisor, Tick, Trip,
+};
 
-const GOOD: Measurement =
-    Measurement { angle_deg: 1.0, pressure1_bar: 2.5, pressure2_bar: 2.5, torque_nm: f64::NAN, volume_ml: f64::NAN };
+const GOOD: Measurement = Measurement { angle_deg: 1.0, pressure1_bar: 2.5, pressure2_bar: 2.5, ..Measurement::NONE };
 
 /// Puts a value into the channel under test.
 type Set = fn(&mut Measurement, f64);
@@ -15,7 +16,7 @@ fn judge(limits: Limits, fixture: Fixture, measurements: impl IntoIterator<Item 
     let command = Command { fixture, voltage_v: 1.0, brake_open: true, bypass_open: false, segment: 0 };
     for (index, measured) in measurements.into_iter().enumerate() {
         let now = Tick::at(index as u64);
-        supervisor.check(now, &measured);
+        supervisor.check(now, Demand::None, &measured);
         let tripped = supervisor.trip().is_some();
         let released = supervisor.release(now, command);
         assert_eq!(released == command, !tripped, "a command passes unchanged exactly while there is no trip");
@@ -122,8 +123,92 @@ fn limits_that_can_t_be_enforced_are_refused() {
         (Limits { torque_max_nm: -1.0, ..good }, "torque_max_nm"),
         (Limits { velocity_window_ticks: 0, ..good }, "velocity_window_ticks"),
         (Limits { velocity_window_ticks: 65, ..good }, "velocity_window_ticks"),
+        (Limits { age_max_ms: 0.0, ..good }, "age_max_ms"),
+        (Limits { heartbeat_max_ms: f64::NAN, ..good }, "heartbeat_max_ms"),
+        (Limits { voltage_max_v: f64::INFINITY, ..good }, "voltage_max_v"),
+        (Limits { slew_max_v_s: 0.0, ..good }, "slew_max_v_s"),
+        (Limits { slew_max_v_s: f64::NAN, ..good }, "slew_max_v_s"),
     ];
     for (limits, field) in bad {
         assert_eq!(Supervisor::new(limits).unwrap_err().field, field);
     }
+}
+
+#[test]
+fn age_is_judged_where_a_value_is_required_and_exactly_beyond_its_limit() {
+    let limits = Limits { age_max_ms: 20.0, missing_max_ticks: 5, ..Limits::default() };
+    let aged = |input: Input, age_ns: u32| {
+        let mut measured = GOOD;
+        measured.age_ns[input as usize] = age_ns;
+        (0..20).map(move |_| measured)
+    };
+    for (input, channel) in
+        [(Input::Pressure1, Channel::Pressure1), (Input::Pressure2, Channel::Pressure2), (Input::Angle, Channel::Angle)]
+    {
+        assert_eq!(judge(limits, Fixture::Free, aged(input, 20_000_000)), None);
+        let trip = judge(limits, Fixture::Free, aged(input, 20_000_001)).unwrap();
+        assert_eq!((trip.tick, trip.channel, trip.breach), (1, channel, Breach::Stale(20.0)));
+        assert!((trip.value - 20.000001).abs() < 1e-9, "the age is told, ms");
+        assert_eq!(judge(limits, Fixture::Free, aged(input, u32::MAX)).map(|t| t.channel), Some(channel));
+    }
+    assert_eq!(judge(limits, Fixture::Free, aged(Input::Torque, u32::MAX)), None, "nobody needs it");
+    let bench = Fixture::PumpBench { pressure1_bar: 2.0, pressure2_bar: 2.0 };
+    assert_eq!(judge(limits, bench, aged(Input::Angle, u32::MAX)), None, "there is no lever");
+}
+
+#[test]
+fn what_the_device_calls_wrong_is_missing_and_its_size_is_not_judged() {
+    let limits = Limits { missing_max_ticks: 5, ..Limits::default() };
+    let wrong = |ticks| {
+        (0..50).map(move |k| Measurement {
+            pressure1_bar: if k % 10 < ticks { 99.0 } else { 2.5 },
+            faulty: if k % 10 < ticks { Input::Pressure1.bit() } else { 0 },
+            ..GOOD
+        })
+    };
+    assert_eq!(judge(limits, Fixture::Free, wrong(5)), None);
+    let trip = judge(limits, Fixture::Free, wrong(6)).unwrap();
+    assert_eq!((trip.tick, trip.channel, trip.breach), (15, Channel::Pressure1, Breach::Missing(5)));
+}
+
+/// The voltages released for these wanted ones, at these ticks.
+fn released(supervisor: &mut Supervisor, wanted: &[(u64, f64)]) -> Vec<(f64, bool)> {
+    wanted
+        .iter()
+        .map(|&(index, voltage_v)| {
+            let command =
+                Command { fixture: Fixture::Free, voltage_v, brake_open: true, bypass_open: false, segment: 0 };
+            let released = supervisor.release(Tick::at(index), command);
+            assert_eq!(Command { voltage_v, ..released }, command, "nothing but the voltage is held back");
+            (released.voltage_v, supervisor.slew_limited())
+        })
+        .collect()
+}
+
+#[test]
+fn the_voltage_follows_no_faster_than_its_slew_limit_and_it_is_said() {
+    let mut supervisor = Supervisor::new(Limits { slew_max_v_s: 2000.0, ..Limits::default() }).unwrap();
+    let up = released(&mut supervisor, &[(0, 5.0), (1, 5.0), (2, 5.0), (3, 5.0)]);
+    assert_eq!(up, [(2.0, true), (4.0, true), (5.0, false), (5.0, false)], "a run begins at 0 V");
+    let down = released(&mut supervisor, &[(4, -1.0), (5, -1.0), (6, -1.0), (7, -1.5)]);
+    assert_eq!(down, [(3.0, true), (1.0, true), (-1.0, false), (-1.5, false)]);
+    // Where ticks were passed over, so much more time has passed.
+    assert_eq!(released(&mut supervisor, &[(10, 9.0), (11, 9.0)]), [(4.5, true), (6.5, true)]);
+    supervisor.begin_run();
+    assert_eq!(released(&mut supervisor, &[(0, 9.0)]), [(2.0, true)], "another run, from 0 V again");
+    assert_eq!(supervisor.trip(), None);
+}
+
+#[test]
+fn the_slew_limit_hides_no_command_that_is_too_large_and_does_not_delay_the_safe_state() {
+    let limits = Limits { slew_max_v_s: 100.0, voltage_max_v: 24.0, ..Limits::default() };
+    let mut supervisor = Supervisor::new(limits).unwrap();
+    released(&mut supervisor, &[(0, 10.0), (1, 10.0), (2, 10.0)]);
+    let fixture = Fixture::Free;
+    let command = Command { fixture, voltage_v: 24.1, brake_open: true, bypass_open: false, segment: 3 };
+    let at = Tick::at(3);
+    assert_eq!(supervisor.release(at, command), SafeState::default().command(fixture, 3));
+    let trip = supervisor.trip().unwrap();
+    assert_eq!((trip.channel, trip.value, trip.breach), (Channel::Voltage, 24.1, Breach::Above(24.0)));
+    assert!(!supervisor.slew_limited());
 }

@@ -132,7 +132,10 @@ impl fmt::Display for Trip {
         let (name, unit) = (channel.name(), channel.unit());
         match breach {
             Breach::Above(limit) if *channel == Channel::Deadline => {
-                write!(f, "{name} missed: {value:.2} ms since the tick should have begun, limit {limit} ms, at tick {tick}")
+                write!(
+                    f,
+                    "{name} missed: {value:.2} ms since the tick should have begun, limit {limit} ms, at tick {tick}"
+                )
             }
             Breach::Below(limit) => write!(f, "{name} {value:.4} {unit} below {limit} {unit} at tick {tick}"),
             Breach::Above(limit) => write!(f, "{name} {value:.4} {unit} above {limit} {unit} at tick {tick}"),

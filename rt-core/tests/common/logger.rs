@@ -6,9 +6,9 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use rt_core::{
-    Command, Delivery, Device, DeviceError, Fixture, Handover, Limits, Lockstep, LossCertificate, Measurement, OpenLoop,
-    OverrunPolicy, Publication, Publish, Reference, Run, RunReport, Sample, SampleSubscriber, Stages, Step, Supervisor,
-    Target, Tick, flags, flight,
+    Command, Delivery, Device, DeviceError, Fixture, Handover, Limits, Lockstep, LossCertificate, Measurement,
+    OpenLoop, OverrunPolicy, Publication, Publish, Reference, Run, RunReport, Sample, SampleSubscriber, Stages, Step,
+    Supervisor, Target, Tick, flags, flight,
 };
 
 /// Longer than anything here takes on a busy machine.

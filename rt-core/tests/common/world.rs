@@ -3,12 +3,13 @@
 use std::cell::{Cell, RefCell};
 use std::collections::HashMap;
 use std::rc::Rc;
+use std::sync::atomic::Ordering;
 
 use rt_core::flight::{FlightLog, recorder};
 use rt_core::{
     Clock, Command, Controller, Demand, Device, DeviceError, Fixture, FlightRecorder, Handover, Limits, Lockstep,
-    LoopError, Measurement, Operator, OverrunPolicy, PERIOD_NS, Publish, Reference, Run, RunReport, Sample, Stages, Step,
-    Supervisor, Target, Tick, Wake, run,
+    LoopError, Measurement, Operator, OverrunPolicy, PERIOD_NS, Publish, Reference, Run, RunReport, Sample, Stages,
+    Step, Supervisor, Switches, Target, Tick, Wake, run,
 };
 
 /// `CLOCK_MONOTONIC` at tick 0 of a scripted run, ns: no run begins at the boot.
@@ -36,7 +37,7 @@ pub struct World {
 impl World {
     /// Lets this stage of this tick take so long.
     pub fn delay(&self, at: At, tick: u64, ms: f64) {
-        self.delays.borrow_mut().insert((at, tick), (ms * 1e6) as u64);
+        self.delays.borrow_mut().insert((at, tick), (ms * 1e6).round() as u64);
     }
 
     /// Every call, as "stage tick".
@@ -77,6 +78,9 @@ impl Clock for World {
     }
 }
 
+/// Changes what a sensor says.
+pub type Forge = fn(&mut Measurement);
+
 /// A tank whose pressure 1 rises by 0.01 bar per volt and tick.
 #[derive(Default)]
 pub struct Tank {
@@ -87,10 +91,10 @@ pub struct Tank {
     pub fail_read_at: Option<u64>,
     pub fail_write_at: Option<u64>,
     /// What a sensor says instead, from a tick on.
-    pub forge: Option<(u64, fn(&mut Measurement))>,
+    pub forge: Option<(u64, Forge)>,
     /// Noise on everything, values that come and go, ages, sensors that call themselves wrong.
     pub noisy: bool,
-    /// Blocks the thread for 5 ms in the read of this tick.
+    /// Blocks the thread for 5 ms in the read of this tick: for real time.
     pub block_at: Option<u64>,
 }
 
@@ -177,7 +181,8 @@ impl Reference for Script {
 pub struct Follow {
     pub world: World,
     pub gain_v_bar: f64,
-    pub not_a_number_at: Option<u64>,
+    /// What it says instead, from a tick on.
+    pub answer: Option<(u64, f64)>,
     pub remembered: f64,
 }
 
@@ -189,8 +194,8 @@ impl Controller for Follow {
     fn control(&mut self, now: Tick, measured: &Measurement, step: &Step) -> f64 {
         self.world.called("control", At::Control, now);
         let Target::VoltageV(voltage_v) = step.target else { return f64::NAN };
-        if self.not_a_number_at == Some(now.index) {
-            return f64::NAN;
+        if let Some((_, answer)) = self.answer.filter(|(from, _)| now.index >= *from) {
+            return answer;
         }
         if measured.pressure1_bar.is_finite() {
             self.remembered += 0.1 * (measured.pressure1_bar - 2.0 - self.remembered);
@@ -223,8 +228,7 @@ impl Publish for Book {
     }
 }
 
-/// Asks for something from a tick on.
-#[derive(Clone, Default)]
+/// Ask for something from a tick on.
 pub struct People(pub Vec<(u64, Demand)>);
 
 impl Operator for People {
@@ -234,11 +238,26 @@ impl Operator for People {
     }
 }
 
+/// Throws the switch of the emergency stop at a tick, as another thread or a signal handler would.
+pub struct Thrower {
+    pub at: u64,
+    pub switches: Switches,
+}
+
+impl Operator for Thrower {
+    fn demand(&mut self, now: Tick) -> Demand {
+        if now.index == self.at {
+            self.switches.emergency_stop.store(true, Ordering::Relaxed);
+        }
+        (&self.switches).demand(now)
+    }
+}
+
 /// Everything a run needs, and what it left.
 pub struct Rig {
     pub world: World,
     pub tank: Tank,
-    pub people: People,
+    pub people: Box<dyn Operator>,
     pub script: Script,
     pub follow: Follow,
     pub supervisor: Supervisor,
@@ -263,9 +282,9 @@ impl Rig {
         let (flight, log) = recorder();
         Rig {
             tank: Tank { world: world.clone(), ..Tank::default() },
-            people: People::default(),
+            people: Box::new(()),
             script: Script { world: world.clone(), ticks, voltage_v, fixture: |_| Fixture::Free },
-            follow: Follow { world: world.clone(), gain_v_bar: 0.0, not_a_number_at: None, remembered: 0.0 },
+            follow: Follow { world: world.clone(), gain_v_bar: 0.0, answer: None, remembered: 0.0 },
             supervisor: Supervisor::new(limits).unwrap(),
             book: Book { world: world.clone(), samples: Vec::new(), room: usize::MAX, patient: true },
             flight,
@@ -290,7 +309,7 @@ impl Rig {
         let stages = Stages {
             clock,
             device: &mut self.tank,
-            operator: &mut self.people,
+            operator: &mut *self.people,
             supervisor: &mut self.supervisor,
             reference: &mut self.script,
             controller: &mut self.follow,
@@ -313,5 +332,5 @@ impl Rig {
 
 /// Milliseconds as the loop counts time.
 pub fn ms(ms: f64) -> u64 {
-    (ms * PERIOD_NS as f64) as u64
+    (ms * PERIOD_NS as f64).round() as u64
 }
