@@ -6,16 +6,66 @@
 //! | `cargo run --release -p benchmarks --bin instructions` | instructions of a tick, in all and by stage (callgrind) |
 //! | `benchmarks/lateness.sh` | lateness of the loop's wake-ups against cyclictest, idle and under load |
 
+use bench::controller::{PumpController, Settings as ControllerSettings};
 use drivers::EmulatedRig;
-use drivers::emulated::Settings;
+use drivers::emulated::Settings as RigSettings;
 use model::Parameters;
 use model::effects::EffectSet;
-use profiles::{BUILTIN, Context, Plane, Playback, Script};
+use profiles::{BUILTIN, Context, EXAMPLES, Plane, Playback, Script};
 use rt_core::{
-    Controller, Device, Ended, FlightLog, FlightRecorder, Limits, Lockstep, OpenLoop, OverrunPolicy, Publish,
-    Reference, Run, Stages, Supervisor,
+    Controller, Device, Ended, FlightLog, FlightRecorder, Limits, Lockstep, OverrunPolicy, Publish, Reference, Run,
+    Stages, Supervisor,
 };
 use std::error::Error;
+use std::fmt;
+use std::process::ExitCode;
+
+/// A figure beside what it is meant to be.
+#[derive(Clone, Copy, Debug)]
+pub enum Target {
+    /// The more the better: at least this.
+    AtLeast(f64),
+    /// The less the better: at most this.
+    AtMost(f64),
+}
+
+impl Target {
+    /// Whether a figure reaches it; NaN does not.
+    pub fn reached_by(self, figure: f64) -> bool {
+        match self {
+            Target::AtLeast(target) => figure >= target,
+            Target::AtMost(target) => figure <= target,
+        }
+    }
+
+    /// `figure / target  at least target  reached`
+    pub fn judge(self, figure: f64) -> String {
+        let (Target::AtLeast(target) | Target::AtMost(target)) = self;
+        let verdict = if self.reached_by(figure) { "reached" } else { "MISSED" };
+        format!("ratio {:.2} to {self}: {verdict}", figure / target)
+    }
+}
+
+impl fmt::Display for Target {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Target::AtLeast(target) => write!(f, "at least {target}"),
+            Target::AtMost(target) => write!(f, "at most {target}"),
+        }
+    }
+}
+
+/// Exit code of a benchmark: 0 all targets are reached, 3 one is missed, 1 it failed.
+pub fn exit(all_reached: Result<bool, Box<dyn Error>>) -> ExitCode {
+    match all_reached {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::from(3),
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::from(1)
+        }
+    }
+}
 
 /// A built-in profile with the rig that it is played on.
 pub struct Bench {
@@ -30,13 +80,14 @@ pub struct Bench {
 }
 
 impl Bench {
-    /// The built-in profile `name`, its text changed by `edit` first.
+    /// The profile `name` of those that come with the bench, its text changed by `edit` first.
     ///
     /// # Errors
     /// There is no such profile, or the edit spoilt it.
     pub fn new(name: &str, edit: impl FnOnce(&str) -> String) -> Result<Bench, Box<dyn Error>> {
         let file = format!("{name}.toml");
-        let (file, text) = BUILTIN.iter().find(|(f, _)| **f == file).ok_or_else(|| format!("no built-in {file}"))?;
+        let (file, text) =
+            BUILTIN.iter().chain(EXAMPLES).find(|(f, _)| **f == file).ok_or_else(|| format!("no profile {file}"))?;
         let text = edit(text);
         let script = Script::parse(&text, file)?;
         // The emulated chambers neither burst nor cavitate at the edge of what the profiles reach.
@@ -51,8 +102,8 @@ impl Bench {
     /// # Errors
     /// The profile starts where the rig can't.
     pub fn rig(&self) -> Result<EmulatedRig, Box<dyn Error>> {
-        let defaults = Settings::default();
-        let settings = Settings {
+        let defaults = RigSettings::default();
+        let settings = RigSettings {
             start: self.script.start(),
             fill_bar: self.script.fill_bar.unwrap_or(defaults.fill_bar),
             vertical: self.script.plane == Plane::Vertical,
@@ -99,12 +150,20 @@ impl Bench {
         Ok(report.statistics.ticks)
     }
 
-    /// Drives run `number` of a new rig in open loop.
+    /// The controller of `bench run` with the rig's own model.
+    ///
+    /// # Errors
+    /// None in a released state.
+    pub fn controller(&self) -> Result<PumpController, Box<dyn Error>> {
+        Ok(PumpController::with_model(&self.parameters, ControllerSettings::default())?)
+    }
+
+    /// Drives run `number` of a new rig.
     ///
     /// # Errors
     /// As [`run`](Self::run).
-    pub fn run_open_loop(&mut self, number: u32, publish: &mut dyn Publish) -> Result<u64, Box<dyn Error>> {
-        let (mut rig, mut playback) = (self.rig()?, self.playback()?);
-        self.run(number, &mut rig, &mut playback, &mut OpenLoop, publish)
+    pub fn run_new(&mut self, number: u32, publish: &mut dyn Publish) -> Result<u64, Box<dyn Error>> {
+        let (mut rig, mut playback, mut controller) = (self.rig()?, self.playback()?, self.controller()?);
+        self.run(number, &mut rig, &mut playback, &mut controller, publish)
     }
 }

@@ -1,6 +1,7 @@
 //! The loop as `bench run --realtime` drives it: emulated rig, a profile, supervisor, flight recorder, publication. What
 //! each tick took is kept in memory that exists before the slice, and looked at after it.
 
+use crate::controller::PumpController;
 use crate::failure::{Failure, Kind};
 use crate::latency::statistics::Distribution;
 use drivers::EmulatedRig;
@@ -9,8 +10,8 @@ use model::Parameters;
 use model::effects::EffectSet;
 use profiles::{Context, Plane, Playback, Script};
 use rt_core::{
-    Ended, FlightLog, FlightRecorder, Handover, Limits, LoopError, Measurement, OpenLoop, OverrunPolicy, PERIOD_NS,
-    Publication, Publish, RealTime, Reference, Run, RunReport, Sample, Stages, Step, Supervisor, Tick,
+    Ended, FlightLog, FlightRecorder, Handover, Limits, LoopError, Measurement, OverrunPolicy, PERIOD_NS, Publication,
+    Publish, RealTime, Reference, Run, RunReport, Sample, Stages, Step, Supervisor, Tick,
 };
 
 /// Stages of a tick before the hand-over, in their order.
@@ -89,7 +90,7 @@ impl RealLoop {
             operator: &mut (),
             supervisor: &mut self.supervisor,
             reference: &mut self.reference,
-            controller: &mut OpenLoop,
+            controller: &mut PumpController::open_loop(),
             publish: &mut Keeping { publication, kept: &mut self.kept },
             flight: &mut self.flight,
         };
@@ -210,7 +211,7 @@ mod tests {
             operator: &mut (),
             supervisor: &mut slice.supervisor,
             reference: &mut slice.reference,
-            controller: &mut OpenLoop,
+            controller: &mut PumpController::open_loop(),
             publish: &mut samples,
             flight: &mut slice.flight,
         };
