@@ -90,6 +90,9 @@ pub enum CampaignError {
         /// The system's reason.
         source: io::Error,
     },
+    /// The operating system refused to write on: the recording was cut short.
+    #[error(transparent)]
+    CutShort(#[from] CutShort),
     /// The operating system refused to write.
     #[error("{}: expected to write it, got \"{source}\"; check the folder, its permissions and the free space", file.display())]
     Write {
@@ -98,6 +101,27 @@ pub enum CampaignError {
         /// The system's reason.
         source: io::Error,
     },
+}
+
+/// A recording that the operating system refused to write on, as when the disk runs full. Its complete chunks are kept.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error(
+    "{}: expected to write it on, got \"{system}\"; it keeps its first {samples} samples (up to {end_s:.1} s) and {}; make room \
+     on that disk, then record the run again",
+    file.display(),
+    if *closed { "is closed: readable, certified as incomplete" } else { "could not be closed: `bench recover` reads it" }
+)]
+pub struct CutShort {
+    /// The file: under its own name if it could be closed, otherwise the `.part`.
+    pub file: PathBuf,
+    /// The system's reason.
+    pub system: String,
+    /// Samples that the file keeps.
+    pub samples: u64,
+    /// Scheduled time of the last of them, s.
+    pub end_s: f64,
+    /// It was closed, with a certificate that says what it lacks.
+    pub closed: bool,
 }
 
 impl CampaignError {

@@ -5,21 +5,22 @@ use std::fs::File;
 use std::io::{self, BufReader, Read};
 use std::path::{Path, PathBuf};
 
-use mcap::records::{Metadata, Record};
+use mcap::records::{Channel, Metadata, Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::{McapError, parse_record};
 use rt_core::{LossCertificate, Sample};
 
 use crate::error::Place;
-use crate::mcap_writer::unfit_value;
 use crate::run_metadata::{Event, RunMetadata};
+use crate::succession::{Misfit, Succession};
 use crate::wire::{self, BadField};
 use crate::{CampaignError, Plane, Protocol, Recording};
 
 /// No record or chunk of ours comes near this; a damaged length field must not ask for more memory.
 const LONGEST_RECORD: usize = 64 * 1024 * 1024;
 
-const REMEDY: &str = "nothing of the file is used: copy it again or record the run again";
+const REMEDY: &str =
+    "nothing of the file is used: copy it again, record the run again, or rescue what is sound with `bench recover`";
 
 /// What a recording holds, in the order in which it was written.
 #[derive(Clone, Debug, PartialEq)]
@@ -39,8 +40,7 @@ pub struct McapReader {
     records: Records,
     run: RunMetadata,
     topics: HashMap<u16, Topic>,
-    last: Option<Sample>,
-    samples: u64,
+    samples: Succession,
     certificate: Option<LossCertificate>,
     done: bool,
 }
@@ -59,7 +59,7 @@ impl McapReader {
                 Record::Header(_) => None,
                 _ => Some(Err(())),
             });
-            match found.map_err(|broken| broken.explain(path, 0))? {
+            match found.map_err(|broken| broken.explain(path, 0, 0))? {
                 Some(Some(Ok(metadata))) => break metadata,
                 Some(None) => {}
                 Some(Some(Err(()))) | None => {
@@ -76,8 +76,7 @@ impl McapReader {
             records,
             run,
             topics: HashMap::new(),
-            last: None,
-            samples: 0,
+            samples: Succession::default(),
             certificate: None,
             done: false,
         })
@@ -95,24 +94,27 @@ impl McapReader {
 
     /// Samples read so far.
     pub fn samples(&self) -> u64 {
-        self.samples
+        self.samples.count()
+    }
+
+    /// The tick at which a sample would follow, for places in messages.
+    fn next_tick(&self) -> u64 {
+        self.samples.last().map_or(0, |last| last.tick + 1)
     }
 
     fn advance(&mut self) -> Result<Option<Item>, CampaignError> {
         loop {
             let topics = &self.topics;
             let found = self.records.next(|record| Found::of(record, topics));
-            match found.map_err(|broken| broken.explain(&self.path, self.samples))? {
+            match found.map_err(|broken| broken.explain(&self.path, self.samples(), self.next_tick()))? {
                 Some(Found::Message(Ok(Item::Sample(sample)))) => {
                     self.check(&sample)?;
-                    self.last = Some(sample);
-                    self.samples += 1;
+                    self.samples.push(&sample);
                     return Ok(Some(Item::Sample(sample)));
                 }
                 Some(Found::Message(Ok(event))) => return Ok(Some(event)),
                 Some(Found::Message(Err(got))) => {
-                    let tick = self.last.map_or(0, |last| last.tick + 1);
-                    let at = Place::file(&self.path).tick(tick);
+                    let at = Place::file(&self.path).tick(self.next_tick());
                     let remedy = "use the version of the program that wrote the file";
                     return Err(CampaignError::content(at, "a message of this format", got, remedy));
                 }
@@ -130,38 +132,21 @@ impl McapReader {
     }
 
     fn check(&self, sample: &Sample) -> Result<(), CampaignError> {
-        let fault = |column: &str, expected: String, got: String| {
-            let at = Place::file(&self.path).tick(sample.tick).column(column);
-            Err(CampaignError::content(at, expected, got, REMEDY))
-        };
-        if let Some(last) = &self.last {
-            if sample.run != last.run {
-                return fault("run", format!("samples of run {}", last.run), sample.run.to_string());
-            }
-            if sample.tick <= last.tick {
-                return fault("tick", format!("a tick after {}", last.tick), sample.tick.to_string());
-            }
-            if sample.scheduled_ns <= last.scheduled_ns {
-                let expected = format!("a time after {} ns", last.scheduled_ns);
-                return fault("scheduled_ns", expected, format!("{} ns", sample.scheduled_ns));
-            }
-        }
-        match unfit_value(sample) {
-            Some((column, expected, got)) => fault(column, expected.to_owned(), got.to_string()),
-            None => Ok(()),
-        }
+        let Some(Misfit { column, expected, got }) = self.samples.misfit(sample) else { return Ok(()) };
+        Err(CampaignError::content(Place::file(&self.path).tick(sample.tick).column(column), expected, got, REMEDY))
     }
 
     fn check_end(&self) -> Result<(), CampaignError> {
         let at = Place::file(&self.path);
         let Some(certificate) = &self.certificate else {
             let expected = "a loss certificate at the end of the recording";
-            let got = format!("{} samples without one: the recording was not closed", self.samples);
+            let got = format!("{} samples without one: the recording was not closed", self.samples());
             return Err(CampaignError::content(at, expected, got, REMEDY));
         };
-        if certificate.received != self.samples {
-            let expected = format!("as many samples as its certificate says ({certificate})");
-            return Err(CampaignError::content(at, expected, self.samples.to_string(), REMEDY));
+        if !self.samples.agrees_with(certificate) {
+            let expected = format!("the samples that its certificate says ({certificate})");
+            let got = self.samples.certificate(certificate.expected).to_string();
+            return Err(CampaignError::content(at, expected, got, REMEDY));
         }
         Ok(())
     }
@@ -225,10 +210,23 @@ pub(crate) fn read_recording(
     Ok(recording)
 }
 
+/// A topic that is read.
 #[derive(Clone, Copy, PartialEq)]
-enum Topic {
+pub(crate) enum Topic {
     Sample,
     Event,
+}
+
+impl Topic {
+    /// `None`: one that is ignored.
+    pub(crate) fn of(channel: &Channel) -> Option<Topic> {
+        match channel.topic.as_str() {
+            _ if channel.message_encoding != wire::ENCODING => None,
+            wire::SAMPLE_TOPIC => Some(Topic::Sample),
+            wire::EVENT_TOPIC => Some(Topic::Event),
+            _ => None,
+        }
+    }
 }
 
 /// What matters of a record here.
@@ -247,10 +245,9 @@ impl Found {
                 Some(Topic::Event) => Found::Message(wire::decode_event(&data).map(Item::Event)),
                 None => Found::Other,
             },
-            Record::Channel(channel) if channel.message_encoding == wire::ENCODING => match channel.topic.as_str() {
-                wire::SAMPLE_TOPIC => Found::Channel { id: channel.id, topic: Topic::Sample },
-                wire::EVENT_TOPIC => Found::Channel { id: channel.id, topic: Topic::Event },
-                _ => Found::Other,
+            Record::Channel(channel) => match Topic::of(&channel) {
+                Some(topic) => Found::Channel { id: channel.id, topic },
+                None => Found::Other,
             },
             Record::Metadata(metadata) if metadata.name == wire::LOSS_RECORD => Found::Loss(metadata),
             _ => Found::Other,
@@ -292,7 +289,14 @@ impl Records {
                     self.reader.notify_read(read);
                 }
                 Some(Ok(LinearReadEvent::Record { opcode, data })) => {
-                    return parse_record(opcode, data).map(|record| Some(take(record))).map_err(Broken::Content);
+                    let used = matches!(opcode, op::HEADER | op::CHANNEL | op::MESSAGE | op::METADATA);
+                    // What is not used is not parsed, either: the fewer lengths of a damaged file are believed, the better.
+                    let record = if used {
+                        parse_record(opcode, data)
+                    } else {
+                        Ok(Record::Unknown { opcode, data: data.into() })
+                    };
+                    return record.map(|record| Some(take(record))).map_err(Broken::Content);
                 }
             }
         }
@@ -300,7 +304,8 @@ impl Records {
 }
 
 impl Broken {
-    fn explain(self, path: &Path, samples: u64) -> CampaignError {
+    /// `samples` came before; `tick`: where the next one would stand.
+    fn explain(self, path: &Path, samples: u64, tick: u64) -> CampaignError {
         let (expected, got) = match self {
             Broken::System(source) => return CampaignError::read(path, source),
             Broken::Content(McapError::UnexpectedEof) => {
@@ -313,7 +318,7 @@ impl Broken {
                 ("a sound MCAP recording", format!("one that is damaged after {samples} sound samples ({error})"))
             }
         };
-        CampaignError::content(Place::file(path).tick(samples), expected, got, REMEDY)
+        CampaignError::content(Place::file(path).tick(tick), expected, got, REMEDY)
     }
 }
 

@@ -1,36 +1,54 @@
 //! Samples to an MCAP recording. Owned by the logger's thread: nothing here is meant for the loop.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
-use mcap::{Compression, McapError, WriteOptions, Writer};
+use mcap::{Compression, McapError, McapResult, WriteOptions, Writer};
 use rt_core::{LossCertificate, SAMPLE_VERSION, Sample};
 
-use crate::CampaignError;
-use crate::error::Place;
-use crate::part_file::{Existing, PartFile, part_path};
-use crate::run_metadata::{Event, RunMetadata};
+use crate::ending::{self, LooseMessage};
+use crate::error::{CampaignError, CutShort, Place};
+use crate::part_file::{Existing, PartFile};
+use crate::run_metadata::{Event, RunMetadata, Severity};
+use crate::succession::{Mark, Misfit, Succession};
 use crate::wire;
 
 /// Unpacked size at which a chunk is closed: small enough that packing one stalls the logger for some 2 ms only, large
 /// enough that zstd finds what repeats.
 const CHUNK_BYTES: u64 = 128 * 1024;
+/// Scheduled time that a chunk spans at most, ns. A logger that is killed loses the chunk that is open.
+const CHUNK_NS: u64 = 500_000_000;
+/// Bytes of a message record besides the message.
+const MESSAGE_OVERHEAD: u64 = 31;
 
 /// What the header says wrote the file. No version: the bytes depend on the samples alone.
 const LIBRARY: &str = "rec-bench";
 
 /// Writes one run. The file is `NAME.mcap.part` until [`McapWriter::finish`]; one that is dropped before keeps that
-/// name, and its complete chunks.
+/// name, and its complete chunks. A chunk is handed to the system as soon as it is complete, every 500 ms of samples.
+///
+/// Where the system refuses to write on (a full disk), the file is taken back to its last complete chunk and closed
+/// there: see [`CutShort`].
 pub struct McapWriter {
-    writer: Writer<NoSeek<PartFile>>,
-    target: PathBuf,
-    sample_channel: u16,
-    event_channel: u16,
+    /// `None`: the recording was cut short.
+    writer: Option<Writer<NoSeek<PartFile>>>,
+    cut: Option<CutShort>,
+    existing: Existing,
+    part: PathBuf,
     message: Vec<u8>,
-    last: Option<Sample>,
-    recorded: u64,
-    gaps: Vec<(u64, u64)>,
+    /// Everything that was appended.
+    all: Succession,
+    /// What of it stands in chunks that the system has taken.
+    sound: Mark,
+    chunk: Option<OpenChunk>,
+}
+
+#[derive(Clone, Copy)]
+struct OpenChunk {
+    bytes: u64,
+    begin_ns: u64,
 }
 
 impl McapWriter {
@@ -40,165 +58,259 @@ impl McapWriter {
     /// The extension is another, a recording or an unfinished part of this name exists (a measurement is never
     /// overwritten), or the system refuses.
     pub fn create(path: &Path, run: &RunMetadata) -> Result<McapWriter, CampaignError> {
+        McapWriter::create_as(path, run, Existing::Keep)
+    }
+
+    pub(crate) fn create_as(path: &Path, run: &RunMetadata, existing: Existing) -> Result<McapWriter, CampaignError> {
         if path.extension().is_none_or(|extension| extension != "mcap") {
             let got = format!("{:?}", path.file_name().unwrap_or_default());
             return Err(CampaignError::content(Place::file(path), "a file name that ends in .mcap", got, "name it so"));
         }
-        let file = PartFile::create(path, Existing::Keep)?;
-        let target = file.target().to_owned();
-        let failed = |error| write_error(&target, error);
+        let file = PartFile::create(path, existing)?;
+        let part = file.part().to_owned();
+        let failed = |error| CampaignError::write(&part, io_error(error));
         let mut writer = WriteOptions::new()
             .profile(LIBRARY)
             .library(LIBRARY)
             .compression(Some(Compression::Zstd))
             .compression_threads(0) // in this thread: packed bytes must not depend on the number of cores
-            .chunk_size(Some(CHUNK_BYTES))
+            .chunk_size(Some(2 * CHUNK_BYTES)) // this writer closes them itself, before that
             .disable_seeking(true) // chunks reach the file whole, so that a crash leaves complete ones
             .create(NoSeek::new(file))
             .map_err(failed)?;
-        writer.write_metadata(&record(wire::RUN_RECORD, wire::run_fields(run))).map_err(failed)?;
-        let mut channel = |schema, topic| {
-            let schema = writer.add_schema(schema, wire::ENCODING, wire::SCHEMA)?;
-            writer.add_channel(schema, topic, wire::ENCODING, &Default::default())
-        };
-        let sample_channel = channel(wire::SAMPLE_SCHEMA, wire::SAMPLE_TOPIC).map_err(failed)?;
-        let event_channel = channel(wire::EVENT_SCHEMA, wire::EVENT_TOPIC).map_err(failed)?;
-        Ok(McapWriter {
-            writer,
-            target,
-            sample_channel,
-            event_channel,
-            message: Vec::with_capacity(256),
-            last: None,
-            recorded: 0,
-            gaps: Vec::new(),
-        })
+        match begin(&mut writer, run) {
+            Ok(()) => Ok(McapWriter {
+                writer: Some(writer),
+                cut: None,
+                existing,
+                part,
+                message: Vec::with_capacity(256),
+                all: Succession::default(),
+                sound: Mark::default(),
+                chunk: None,
+            }),
+            Err(error) => {
+                writer.into_inner().into_inner().discard();
+                Err(failed(error))
+            }
+        }
     }
 
     /// Appends a sample. A sample whose number is left out is noted as a gap; ticks that the loop passed over are
     /// none.
     ///
     /// # Errors
-    /// The sample is of another version or run than the first, does not follow the one before in tick and time, or
-    /// carries what a reader would refuse: no finite voltage or an infinite value. The system's refusal.
+    /// The sample is of another version or run than the first, does not follow the one before in tick, time and number
+    /// of skipped ticks, or carries what a reader would refuse: no finite voltage or an infinite value. The system's
+    /// refusal, which cuts the recording short: from then on every call says so.
     pub fn write(&mut self, sample: &Sample) -> Result<(), CampaignError> {
         self.check(sample)?;
-        let expected = self.last.map_or(0, |last| last.sequence() + 1);
-        if sample.sequence() > expected {
-            self.gaps.push((expected, sample.sequence() - 1));
-        }
         let mut message = std::mem::take(&mut self.message);
         wire::encode_sample(sample, &mut message);
-        let written = self.append(self.sample_channel, sample.tick, sample.scheduled_ns, &message);
+        let written = self.append(wire::SAMPLE_CHANNEL, sample.tick, sample.scheduled_ns, &message);
         self.message = message;
         written?;
-        self.last = Some(*sample);
-        self.recorded += 1;
+        self.all.push(sample);
         Ok(())
     }
 
     /// Appends an event. Events may stand anywhere between the samples.
+    ///
+    /// # Errors
+    /// The system's refusal, as for [`write`](Self::write).
     pub fn write_event(&mut self, event: &Event) -> Result<(), CampaignError> {
-        self.append(self.event_channel, event.tick, event.scheduled_ns, &wire::encode_event(event))
+        self.append(wire::EVENT_CHANNEL, event.tick, event.scheduled_ns, &wire::encode_event(event))
     }
 
     /// What this recording can certify of a run that has `expected` samples (numbers 0 to `expected` - 1).
     pub fn certificate(&self, expected: u64) -> LossCertificate {
-        let (run, seen) = self.last.map_or((0, 0), |last| (last.run, last.sequence() + 1));
-        let mut gaps = self.gaps.clone();
-        if expected > seen {
-            gaps.push((seen, expected - 1));
-        }
-        LossCertificate { run, expected, received: self.recorded, gaps, end_seen: true }
+        self.all.certificate(expected)
+    }
+
+    /// Whether the recording was cut short, and where.
+    pub fn cut_short(&self) -> Option<&CutShort> {
+        self.cut.as_ref()
     }
 
     /// Writes the certificate, closes the file, waits until it is on the disk and gives it its name. A run with losses
     /// is closed like any other; its certificate says so.
     ///
     /// # Errors
-    /// The certificate contradicts what was written (nothing false is signed), or the system refuses; the file then
-    /// keeps its `.part`.
+    /// The certificate contradicts what was written (nothing false is signed; the file keeps its `.part`). The system
+    /// refuses: what it has taken is closed with a certificate of its own. Where every sample was taken and only the
+    /// index found no room, that is no error.
     pub fn finish(mut self, certificate: &LossCertificate) -> Result<PathBuf, CampaignError> {
-        let own = self.certificate(certificate.expected);
-        let same_run = self.last.is_none() || own.run == certificate.run;
-        let seen = self.last.map_or(0, |last| last.sequence() + 1);
-        if !same_run
-            || certificate.expected < seen
-            || own.received != certificate.received
-            || own.gaps != certificate.gaps
-        {
+        self.writable()?;
+        if !self.all.agrees_with(certificate) {
+            let own = self.all.certificate(certificate.expected);
             let expected = format!("a certificate that agrees with what was written (run {}: {own})", own.run);
             let got = format!("run {}: {certificate}", certificate.run);
             return Err(CampaignError::content(self.place(), expected, got, "write every sample that is counted"));
         }
-        let failed = |error| write_error(&self.target, error);
-        self.writer.write_metadata(&record(wire::LOSS_RECORD, wire::loss_fields(certificate))).map_err(failed)?;
-        self.writer.finish().map_err(failed)?;
-        self.writer.into_inner().into_inner().commit()
+        self.close_chunk()?;
+        let writer = self.open_writer();
+        let closed = writer
+            .write_metadata(&record(wire::LOSS_RECORD, wire::loss_fields(certificate)))
+            .and_then(|()| writer.finish().map(drop));
+        let mut file = self.take_file();
+        match closed.map_err(io_error).and_then(|()| file.flush_unsound()) {
+            Ok(()) => file.commit(),
+            Err(source) => {
+                let error = self.keep_chunks(file, source, Some(certificate));
+                let whole = self.cut.take().filter(|cut| cut.closed && cut.samples == certificate.received);
+                whole.map_or(Err(error), |cut| Ok(cut.file))
+            }
+        }
     }
 
     fn append(&mut self, channel_id: u16, tick: u64, time_ns: u64, message: &[u8]) -> Result<(), CampaignError> {
+        self.writable()?;
+        let full = |chunk: &OpenChunk| chunk.bytes >= CHUNK_BYTES || time_ns.saturating_sub(chunk.begin_ns) >= CHUNK_NS;
+        if self.chunk.as_ref().is_some_and(full) {
+            self.close_chunk()?;
+        }
         // Scheduled time, not the clock's: the same run gives the same file.
         let sequence = tick as u32; // the format has 32 bits here; the message has the whole number
         let header = MessageHeader { channel_id, sequence, log_time: time_ns, publish_time: time_ns };
-        self.writer.write_to_known_channel(&header, message).map_err(|error| write_error(&self.target, error))
+        match self.open_writer().write_to_known_channel(&header, message) {
+            Ok(()) => {
+                let chunk = self.chunk.get_or_insert(OpenChunk { bytes: 0, begin_ns: time_ns });
+                chunk.bytes += message.len() as u64 + MESSAGE_OVERHEAD;
+                Ok(())
+            }
+            Err(error) => Err(self.cut_short_by(error)),
+        }
+    }
+
+    /// Closes the chunk and hands it to the system, so that it outlives this process.
+    fn close_chunk(&mut self) -> Result<(), CampaignError> {
+        self.chunk = None;
+        match self.open_writer().flush() {
+            Ok(()) => {
+                self.sound = self.all.mark();
+                Ok(())
+            }
+            Err(error) => Err(self.cut_short_by(error)),
+        }
+    }
+
+    fn open_writer(&mut self) -> &mut Writer<NoSeek<PartFile>> {
+        self.writer.as_mut().expect("callers ask `writable` first")
+    }
+
+    /// The refusal that cut the recording short, again, for whoever goes on writing.
+    fn writable(&self) -> Result<(), CampaignError> {
+        self.cut.clone().map_or(Ok(()), |cut| Err(cut.into()))
+    }
+
+    fn take_file(&mut self) -> PartFile {
+        let writer = self.writer.take().expect("callers ask `writable` first");
+        writer.into_inner().into_inner()
+    }
+
+    fn cut_short_by(&mut self, error: McapError) -> CampaignError {
+        let file = self.take_file();
+        self.keep_chunks(file, io_error(error), None)
+    }
+
+    /// The system refused: keeps the complete chunks and tries to close the file after them. `claimed`: the certificate
+    /// that was to be written, which holds if every sample is in those chunks.
+    fn keep_chunks(
+        &mut self,
+        mut file: PartFile,
+        source: std::io::Error,
+        claimed: Option<&LossCertificate>,
+    ) -> CampaignError {
+        let appended = self.all.count();
+        self.all.back_to(self.sound);
+        let last = self.all.last().copied();
+        let mut cut = CutShort {
+            file: self.part.clone(),
+            system: source.to_string(),
+            samples: self.all.count(),
+            end_s: last.map_or(0.0, |last| last.time_s()),
+            closed: false,
+        };
+        if self.existing == Existing::Rescue {
+            // It can be made again from what it was made from.
+            self.cut = Some(cut);
+            return CampaignError::write(&self.part, source);
+        }
+        let whole = claimed.filter(|_| self.all.count() == appended);
+        let certificate = whole.cloned().unwrap_or_else(|| self.all.own_certificate());
+        let event = Event {
+            tick: last.map_or(0, |last| last.tick),
+            scheduled_ns: last.map_or(0, |last| last.scheduled_ns),
+            severity: Severity::Error,
+            source: "logger".to_owned(),
+            text: format!("the recording was cut short here: {source}"),
+        };
+        let event = whole.is_none().then_some(&event);
+        if file.cut_back().and_then(|()| self.end(&mut file, event, &certificate)).is_err() {
+            // No room even for that. The complete chunks stay, for `bench recover`.
+            let _ = file.cut_back();
+        } else if let Ok(path) = file.commit() {
+            cut.file = path;
+            cut.closed = true;
+        }
+        self.cut = Some(cut.clone());
+        cut.into()
+    }
+
+    fn end(&self, file: &mut PartFile, event: Option<&Event>, certificate: &LossCertificate) -> std::io::Result<()> {
+        if let Some(event) = event {
+            let message = LooseMessage {
+                channel: wire::EVENT_CHANNEL,
+                sequence: event.tick as u32,
+                time_ns: event.scheduled_ns,
+                data: &wire::encode_event(event),
+            };
+            file.write_all(&ending::message(&message))?;
+        }
+        file.write_all(&ending::metadata(wire::LOSS_RECORD, &wire::loss_fields(certificate)))?;
+        file.write_all(&ending::end(file.crc32()))?;
+        // Not `flush`: should this fail, the file is to be taken back to before it.
+        file.flush_unsound()
     }
 
     fn place(&self) -> Place {
-        Place::file(&part_path(&self.target))
+        Place::file(&self.part)
     }
 
     fn check(&self, sample: &Sample) -> Result<(), CampaignError> {
-        let fault = |column: &str, expected: String, got: String| {
-            let at = self.place().tick(sample.tick).column(column);
-            Err(CampaignError::content(at, expected, got, "correct what publishes the samples"))
+        let misfit = if sample.version == SAMPLE_VERSION {
+            self.all.misfit(sample)
+        } else {
+            let (expected, got) = (SAMPLE_VERSION.to_string(), sample.version.to_string());
+            Some(Misfit { column: "version", expected, got })
         };
-        if sample.version != SAMPLE_VERSION {
-            return fault("version", SAMPLE_VERSION.to_string(), sample.version.to_string());
-        }
-        if let Some(last) = &self.last {
-            if sample.run != last.run {
-                return fault("run", format!("samples of run {}", last.run), sample.run.to_string());
-            }
-            if sample.tick <= last.tick {
-                return fault("tick", format!("a tick after {}", last.tick), sample.tick.to_string());
-            }
-            if sample.scheduled_ns <= last.scheduled_ns {
-                let expected = format!("a time after {} ns", last.scheduled_ns);
-                return fault("scheduled_ns", expected, format!("{} ns", sample.scheduled_ns));
-            }
-        }
-        if let Some((column, expected, got)) = unfit_value(sample) {
-            return fault(column, expected.to_owned(), got.to_string());
-        }
-        Ok(())
+        let Some(Misfit { column, expected, got }) = misfit else { return Ok(()) };
+        let at = self.place().tick(sample.tick).column(column);
+        Err(CampaignError::content(at, expected, got, "correct what publishes the samples"))
     }
 }
 
-/// A value that a recording can't hold: its column, what is expected, what came.
-pub(crate) fn unfit_value(sample: &Sample) -> Option<(&'static str, &'static str, f64)> {
-    if !sample.voltage_v.is_finite() {
-        return Some(("voltage_v", "a finite number", sample.voltage_v));
+/// What stands before the first message. It is handed to the system at once, in a chunk of its own: whatever is damaged
+/// later, a reader knows what the file is.
+fn begin(writer: &mut Writer<NoSeek<PartFile>>, run: &RunMetadata) -> McapResult<()> {
+    writer.write_metadata(&record(wire::RUN_RECORD, wire::run_fields(run)))?;
+    for (id, schema, topic) in [
+        (wire::SAMPLE_CHANNEL, wire::SAMPLE_SCHEMA, wire::SAMPLE_TOPIC),
+        (wire::EVENT_CHANNEL, wire::EVENT_SCHEMA, wire::EVENT_TOPIC),
+    ] {
+        let schema = writer.add_schema(schema, wire::ENCODING, wire::SCHEMA)?;
+        writer.add_channel_with_id(id, schema, topic, wire::ENCODING, &Default::default())?;
     }
-    let measured = [
-        ("angle_deg", sample.angle_deg),
-        ("pressure1_bar", sample.pressure1_bar),
-        ("pressure2_bar", sample.pressure2_bar),
-        ("torque_nm", sample.torque_nm),
-        ("volume_ml", sample.volume_ml),
-    ];
-    let (column, value) = measured.into_iter().find(|(_, value)| value.is_infinite())?;
-    Some((column, "a finite number, or NaN for a missing value", value))
+    writer.flush()
 }
 
 fn record(name: &str, metadata: std::collections::BTreeMap<String, String>) -> Metadata {
     Metadata { name: name.to_owned(), metadata }
 }
 
-fn write_error(target: &Path, error: McapError) -> CampaignError {
-    let source = match error {
+fn io_error(error: McapError) -> std::io::Error {
+    match error {
         McapError::Io(source) => source,
         other => std::io::Error::other(other),
-    };
-    CampaignError::write(&part_path(target), source)
+    }
 }

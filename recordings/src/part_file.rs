@@ -8,54 +8,83 @@ use crate::CampaignError;
 
 /// The extension of a file that has not been closed.
 pub(crate) const PART: &str = ".part";
+/// The extension of a recording that is being rescued from a `.part`.
+const RECOVERING: &str = ".recovering";
+
+const BUFFER_BYTES: usize = 256 * 1024;
 
 /// What to do where the file, or a part of it, exists already.
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Existing {
     /// It can be made again: replace it, and leave nothing behind on failure.
     Replace,
     /// It is a measurement: never overwrite it, and keep the part on failure.
     Keep,
+    /// It is rescued from a damaged measurement: never overwrite one, but the part can be made again.
+    Rescue,
 }
 
 /// An open `NAME.part`.
+///
+/// What was flushed is sound: [`cut_back`](Self::cut_back) takes the file back to there. Whoever writes records flushes
+/// between them only.
 pub(crate) struct PartFile {
     writer: BufWriter<File>,
     part: PathBuf,
     target: PathBuf,
     existing: Existing,
     committed: bool,
+    /// Everything that was handed in.
+    all: Extent,
+    /// What the system has taken.
+    sound: Extent,
+}
+
+/// The first bytes of a file: how many, and their checksum.
+#[derive(Clone, Debug, Default)]
+struct Extent {
+    bytes: u64,
+    crc: crc32fast::Hasher,
 }
 
 /// `NAME.part` for `NAME`.
 pub(crate) fn part_path(target: &Path) -> PathBuf {
+    with_suffix(target, PART)
+}
+
+fn with_suffix(target: &Path, suffix: &str) -> PathBuf {
     let mut name = target.as_os_str().to_owned();
-    name.push(PART);
+    name.push(suffix);
     PathBuf::from(name)
 }
 
 impl PartFile {
     pub(crate) fn create(target: &Path, existing: Existing) -> Result<Self, CampaignError> {
-        let part = part_path(target);
+        let part = if existing == Existing::Rescue { with_suffix(target, RECOVERING) } else { part_path(target) };
+        if existing != Existing::Replace && target.exists() {
+            let there = io::Error::new(io::ErrorKind::AlreadyExists, "a recording of this name exists");
+            return Err(CampaignError::write(target, there));
+        }
         let mut options = OpenOptions::new();
         match existing {
-            Existing::Replace => options.write(true).create(true).truncate(true),
-            Existing::Keep => {
-                if target.exists() {
-                    let there = io::Error::new(io::ErrorKind::AlreadyExists, "a recording of this name exists");
-                    return Err(CampaignError::write(target, there));
-                }
-                options.write(true).create_new(true)
-            }
+            Existing::Replace | Existing::Rescue => options.write(true).create(true).truncate(true),
+            Existing::Keep => options.write(true).create_new(true),
         };
         let file = options.open(&part).map_err(|source| CampaignError::write(&part, source))?;
-        let writer = BufWriter::with_capacity(256 * 1024, file);
-        Ok(Self { writer, part, target: target.to_owned(), existing, committed: false })
+        let writer = BufWriter::with_capacity(BUFFER_BYTES, file);
+        let target = target.to_owned();
+        let (all, sound) = Default::default();
+        Ok(Self { writer, part, target, existing, committed: false, all, sound })
     }
 
-    /// The file's final name.
-    pub(crate) fn target(&self) -> &Path {
-        &self.target
+    /// The name under which it is written.
+    pub(crate) fn part(&self) -> &Path {
+        &self.part
+    }
+
+    /// CRC-32 of everything that was handed in.
+    pub(crate) fn crc32(&self) -> u32 {
+        self.all.crc.clone().finalize()
     }
 
     /// Everything on the disk, then the final name.
@@ -69,27 +98,47 @@ impl PartFile {
         self.committed = true;
         Ok(std::mem::take(&mut self.target))
     }
+
+    /// After a failure: takes away what came after the last flush, and gives its room back.
+    pub(crate) fn cut_back(&mut self) -> io::Result<()> {
+        let file = self.writer.get_ref().try_clone()?;
+        let failed = std::mem::replace(&mut self.writer, BufWriter::with_capacity(BUFFER_BYTES, file));
+        // What it still holds must not reach the file when it is dropped.
+        let (mut file, _unwritten) = failed.into_parts();
+        self.all = self.sound.clone();
+        file.set_len(self.sound.bytes)?;
+        file.seek(SeekFrom::Start(self.sound.bytes)).map(drop)
+    }
+
+    /// Hands everything to the system without calling it sound.
+    pub(crate) fn flush_unsound(&mut self) -> io::Result<()> {
+        self.writer.flush()
+    }
+
+    /// Removes the file: it holds nothing of worth.
+    pub(crate) fn discard(mut self) {
+        self.existing = Existing::Replace;
+    }
 }
 
 impl Write for PartFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.writer.write(bytes)
+        let taken = self.writer.write(bytes)?;
+        self.all.crc.update(&bytes[..taken]);
+        self.all.bytes += taken as u64;
+        Ok(taken)
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        self.writer.flush()
-    }
-}
-
-impl Seek for PartFile {
-    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
-        self.writer.seek(to)
+        self.writer.flush()?;
+        self.sound = self.all.clone();
+        Ok(())
     }
 }
 
 impl Drop for PartFile {
     fn drop(&mut self) {
-        if !self.committed && self.existing == Existing::Replace {
+        if !self.committed && self.existing != Existing::Keep {
             // The error that led here is the one to report, not that of cleaning up.
             let _ = fs::remove_file(&self.part);
         }

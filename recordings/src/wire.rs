@@ -21,6 +21,9 @@ pub(crate) const SAMPLE_TOPIC: &str = "/rig/sample";
 pub(crate) const SAMPLE_SCHEMA: &str = "rec_bench.v1.RigSample";
 pub(crate) const EVENT_TOPIC: &str = "/events";
 pub(crate) const EVENT_SCHEMA: &str = "rec_bench.v1.Event";
+/// Numbers of the channels, for a file whose own list is damaged.
+pub(crate) const SAMPLE_CHANNEL: u16 = 1;
+pub(crate) const EVENT_CHANNEL: u16 = 2;
 
 /// Names of the metadata records.
 pub(crate) const RUN_RECORD: &str = "rec_bench.run";
@@ -28,6 +31,9 @@ pub(crate) const LOSS_RECORD: &str = "rec_bench.loss";
 
 /// Version of the recording format: what `rec_bench.run` says under `format`.
 pub(crate) const FORMAT: &str = "1";
+
+/// Field of both metadata records that proves the others: they stand outside of the chunks and their checksums.
+const CHECK: &str = "crc32";
 
 /// Notes stand in `rec_bench.run` under their name with this before it.
 const NOTE: &str = "note.";
@@ -42,7 +48,7 @@ const FLAG_FIELDS: u32 = flags::BRAKE_OPEN
     | flags::STOPPED
     | flags::SLEW_LIMITED;
 
-/// Layouts of the sample that are read. The first knew no skipped ticks, and one age for all values.
+/// Layouts of the sample that are read. The first knew no skipped ticks, one age for all values, and no reason of a trip.
 const READ_VERSIONS: std::ops::RangeInclusive<u32> = 1..=SAMPLE_VERSION;
 
 /// Replaces `bytes` by the message of this sample.
@@ -180,7 +186,7 @@ pub(crate) fn decode_event(bytes: &[u8]) -> Result<Event, String> {
 
 /// The fields of the record `rec_bench.run`.
 pub(crate) fn run_fields(run: &RunMetadata) -> BTreeMap<String, String> {
-    [
+    let fields = [
         ("format", FORMAT),
         ("name", run.name.as_str()),
         ("protocol", run.protocol.as_str()),
@@ -190,8 +196,34 @@ pub(crate) fn run_fields(run: &RunMetadata) -> BTreeMap<String, String> {
     ]
     .into_iter()
     .map(|(key, value)| (key.to_owned(), value.to_owned()))
-    .chain(run.notes.iter().map(|(name, text)| (format!("{NOTE}{name}"), text.clone())))
-    .collect()
+    .chain(run.notes.iter().map(|(name, text)| (format!("{NOTE}{name}"), text.clone())));
+    proven(fields.collect())
+}
+
+/// The fields with the checksum that proves them.
+fn proven(mut fields: BTreeMap<String, String>) -> BTreeMap<String, String> {
+    fields.insert(CHECK.to_owned(), checksum(&fields));
+    fields
+}
+
+/// CRC-32 of keys and values, each ended by a zero byte, in the order of the keys; hexadecimal.
+fn checksum(fields: &BTreeMap<String, String>) -> String {
+    let mut crc = crc32fast::Hasher::new();
+    for text in fields.iter().filter(|(key, _)| *key != CHECK).flat_map(|(key, value)| [key, value]) {
+        crc.update(text.as_bytes());
+        crc.update(&[0]);
+    }
+    format!("{:08x}", crc.finalize())
+}
+
+/// Whether the fields carry a checksum at all (files of the first version do not); one that does not fit is an error.
+pub(crate) fn is_proven(fields: &BTreeMap<String, String>) -> Result<bool, BadField> {
+    let Some(said) = fields.get(CHECK) else { return Ok(false) };
+    let found = checksum(fields);
+    if *said == found {
+        return Ok(true);
+    }
+    Err(BadField { key: CHECK, expected: format!("the checksum of the fields, {found}"), got: format!("{said:?}") })
 }
 
 /// A metadata record that does not say what it has to: the key, what is expected, what came.
@@ -211,6 +243,7 @@ fn field<'f>(fields: &'f BTreeMap<String, String>, key: &'static str) -> Result<
 
 /// The run that the record `rec_bench.run` describes.
 pub(crate) fn run_of(fields: &BTreeMap<String, String>) -> Result<RunMetadata, BadField> {
+    is_proven(fields)?;
     let format = field(fields, "format")?;
     if format != FORMAT {
         return Err(BadField { key: "format", expected: FORMAT.to_owned(), got: format!("{format:?}") });
@@ -234,13 +267,13 @@ pub(crate) fn run_of(fields: &BTreeMap<String, String>) -> Result<RunMetadata, B
 /// The fields of the record `rec_bench.loss`; gaps as `FIRST-LAST`, separated by blanks.
 pub(crate) fn loss_fields(certificate: &LossCertificate) -> BTreeMap<String, String> {
     let gaps: Vec<_> = certificate.gaps.iter().map(|(first, last)| format!("{first}-{last}")).collect();
-    BTreeMap::from([
+    proven(BTreeMap::from([
         ("run".to_owned(), certificate.run.to_string()),
         ("expected".to_owned(), certificate.expected.to_string()),
         ("received".to_owned(), certificate.received.to_string()),
         ("gaps".to_owned(), gaps.join(" ")),
         ("end_seen".to_owned(), certificate.end_seen.to_string()),
-    ])
+    ]))
 }
 
 /// The certificate that the record `rec_bench.loss` holds.
@@ -257,6 +290,7 @@ pub(crate) fn loss_of(fields: &BTreeMap<String, String>) -> Result<LossCertifica
             got: format!("{text:?}"),
         })
     };
+    is_proven(fields)?;
     Ok(LossCertificate {
         run: parsed(fields, "run", "a whole number")?,
         expected: parsed(fields, "expected", "a whole number")?,

@@ -7,7 +7,7 @@ mod common;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use common::{assert_says, bits, metadata, sample, write_mcap};
+use common::{assert_says, bits, metadata, sample, sample_bits, skipping, write_mcap};
 use mcap::records::Metadata;
 use proptest::prelude::*;
 use prost_reflect::{DescriptorPool, DynamicMessage, Value};
@@ -26,27 +26,6 @@ fn samples(count: u64) -> Vec<Sample> {
 
 fn read(path: &Path) -> Result<Recording, CampaignError> {
     Recording::read(path, Protocol::SquareWave)
-}
-
-/// A sample as bits; NaN equals NaN.
-fn sample_bits(sample: &Sample) -> [u64; 14] {
-    let bits = |value: f64| if value.is_nan() { u64::MAX } else { value.to_bits() };
-    [
-        u64::from(sample.version),
-        u64::from(sample.run),
-        sample.tick,
-        sample.scheduled_ns,
-        sample.lateness_ns,
-        sample.input_age_ns,
-        bits(sample.voltage_v),
-        bits(sample.angle_deg),
-        bits(sample.pressure1_bar),
-        bits(sample.pressure2_bar),
-        bits(sample.torque_nm),
-        bits(sample.volume_ml),
-        u64::from(sample.segment),
-        u64::from(sample.flags),
-    ]
 }
 
 #[test]
@@ -139,13 +118,15 @@ proptest! {
     ) {
         let mut only = sample(0);
         (only.tick, only.scheduled_ns) = (tick, u64::from(ns[0]) << 20);
-        (only.lateness_ns, only.input_age_ns) = (u64::from(ns[1]) << 30, u64::from(ns[2]));
+        (only.lateness_ns, only.woken_ns) = (u64::from(ns[1]) << 30, u64::from(ns[2]));
         (only.run, only.segment, only.flags) = (small[0], small[1], small[2]);
+        (only.age_ns, only.skipped) = ([small[0], ns[0], ns[1], 0, u32::MAX], tick / 3);
+        (only.trip, only.quality, only.step) = (small[1], small[2], ns[2]);
         only.voltage_v = voltage;
         (only.angle_deg, only.pressure1_bar, only.pressure2_bar) = (values[0], values[1], values[2]);
         (only.torque_nm, only.volume_ml) = (values[3], values[4]);
         let (_dir, path) = folder();
-        write_mcap(&path, &[only], tick + 1);
+        write_mcap(&path, &[only], only.sequence() + 1);
         let item = McapReader::open(&path).unwrap().next().unwrap().unwrap();
         let Item::Sample(read) = item else { panic!("a sample was written") };
         prop_assert_eq!(sample_bits(&read), sample_bits(&only));
@@ -359,11 +340,12 @@ fn samples_that_can_not_be_recorded_are_refused_one_by_one() {
         spoil(&mut next);
         next
     };
-    let cases: [(Sample, &[&str]); 7] = [
+    let cases: [(Sample, &[&str]); 8] = [
         (spoilt(|s| s.version = 9), &["tick 6", "version", "got 9"]),
         (spoilt(|s| s.run = 4), &["tick 6", "run", "run 3", "got 4"]),
         (spoilt(|s| s.tick = 5), &["tick 5", "after 5"]),
         (spoilt(|s| s.scheduled_ns = 1), &["tick 6", "scheduled_ns", "1 ns"]),
+        (spoilt(|s| s.skipped = 1), &["tick 6", "skipped", "0 to 0 ticks", "got 1"]),
         (spoilt(|s| s.voltage_v = f64::NAN), &["tick 6", "voltage_v", "NaN"]),
         (spoilt(|s| s.angle_deg = f64::INFINITY), &["tick 6", "angle_deg", "inf"]),
         (spoilt(|s| s.volume_ml = f64::NEG_INFINITY), &["tick 6", "volume_ml", "-inf"]),
@@ -411,7 +393,63 @@ fn the_schema_in_the_file_explains_the_messages() {
     }
 }
 
-/// `data/format_1.mcap` was written by the first version of format 1 and is never written anew.
+#[test]
+fn ticks_that_the_loop_passed_over_are_no_loss() {
+    let (_dir, path) = folder();
+    let run: Vec<Sample> = (0..1_000).map(skipping).collect();
+    assert!(run[999].skipped > 0 && run[999].tick == 999 + run[999].skipped);
+    write_mcap(&path, &run, 1_000);
+    let mut reader = McapReader::open(&path).unwrap();
+    assert_eq!(reader.by_ref().filter(Result::is_ok).count(), 1_000);
+    assert_eq!(reader.certificate().unwrap().to_string(), "1000 of 1000 samples");
+    // As columns: the command held until the next row, which is where the loop went on.
+    let recording = read(&path).unwrap();
+    let times: Vec<f64> = run.iter().map(Sample::time_s).collect();
+    assert_eq!(recording.time_s, times);
+    assert!(recording.time_s.windows(2).any(|pair| pair[1] - pair[0] > 0.0035), "several ticks at once");
+}
+
+#[test]
+fn a_lost_sample_is_seen_beside_ticks_that_were_passed_over() {
+    let (_dir, path) = folder();
+    let mut run: Vec<Sample> = (0..500).map(skipping).collect();
+    run.remove(200); // the first after a jump: the next one tells of the jump, and its number of the loss
+    write_mcap(&path, &run, 500);
+    let mut reader = McapReader::open(&path).unwrap();
+    assert_eq!(reader.by_ref().filter(Result::is_ok).count(), 499);
+    assert_eq!(reader.certificate().unwrap().gaps, [(200, 200)]);
+    assert_says(read(&path), &["499 of 500 samples", "200..=200"]);
+}
+
+#[test]
+fn ticks_passed_over_never_become_fewer() {
+    let (_dir, path) = folder();
+    let mut writer = McapWriter::create(&path, &metadata()).unwrap();
+    let at = |tick: u64, skipped: u64| Sample { skipped, ..sample(tick) };
+    writer.write(&at(9, 4)).unwrap();
+    assert_says(writer.write(&at(12, 3)), &["tick 12", "skipped", "4 to 6 ticks", "got 3"]);
+    assert_says(writer.write(&at(12, 7)), &["tick 12", "skipped", "4 to 6 ticks", "got 7"]);
+    writer.write(&at(12, 6)).unwrap();
+    assert_eq!(writer.certificate(7).gaps, [(0, 4)], "sample 5 stood at tick 9, sample 6 at tick 12");
+}
+
+#[test]
+fn a_logger_that_is_killed_loses_half_a_second_at_most() {
+    let (dir, path) = folder();
+    let part = dir.path().join("run.mcap.part");
+    let mut writer = McapWriter::create(&path, &metadata()).unwrap();
+    for (written, sample) in samples(3_000).iter().enumerate() {
+        writer.write(sample).unwrap();
+        if written % 97 == 0 {
+            // What the system has of the file at this moment outlives the process.
+            let outlives = McapReader::open(&part).unwrap().take_while(Result::is_ok).count();
+            assert!(written + 1 - outlives <= 500, "{outlives} of {} samples", written + 1);
+        }
+    }
+}
+
+/// `data/format_1.mcap` was written by the first version of format 1, with samples of version 1, and is never written
+/// anew.
 #[test]
 fn a_file_of_format_1_opens_for_ever() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/format_1.mcap");
@@ -425,6 +463,53 @@ fn a_file_of_format_1_opens_for_ever() {
         assert!((read.angle_deg - sample.angle_deg).abs() < 1e-9 && read.tick == sample.tick);
         assert_eq!((read.flags, read.segment, read.voltage_v), (sample.flags, sample.segment, sample.voltage_v));
         assert_eq!(read.torque_nm.is_nan(), sample.torque_nm.is_nan());
+        assert_eq!((read.skipped, read.age_ns, read.trip), (0, [0; 5], 0), "what version 1 did not know");
+        assert_eq!(read.quality, read.measurement().valid());
     }
     assert!(reader.certificate().unwrap().is_lossless());
+}
+
+/// `data/sample_2.mcap` was written when samples of version 2 came, and is never written anew.
+#[test]
+fn a_file_with_samples_of_version_2_opens_for_ever() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/sample_2.mcap");
+    let mut reader = McapReader::open(&path).unwrap();
+    assert_eq!(*reader.run(), metadata());
+    let items: Vec<_> = reader.by_ref().map(|item| item.unwrap()).collect();
+    let Some((Item::Event(event), read)) = items.split_last() else { panic!("an event was written last") };
+    assert_eq!((event.tick, event.text.as_str()), (219, "the golden run is over"));
+    assert_eq!(read.len(), 220);
+    for (item, written) in read.iter().zip(golden()) {
+        let Item::Sample(read) = item else { panic!("only one event was written") };
+        // The sine in the made-up run may round otherwise on another machine; everything else is exact.
+        let rounded = |sample: &Sample| Sample {
+            angle_deg: 0.0,
+            pressure1_bar: 0.0,
+            pressure2_bar: 0.0,
+            torque_nm: if sample.torque_nm.is_nan() { f64::NAN } else { 0.0 },
+            ..*sample
+        };
+        assert_eq!(sample_bits(&rounded(read)), sample_bits(&rounded(&written)));
+        assert!((read.angle_deg - written.angle_deg).abs() < 1e-9);
+    }
+    assert_eq!(reader.certificate().unwrap().to_string(), "220 of 220 samples");
+}
+
+/// The run in `data/sample_2.mcap`: ticks that were passed over, a slew limit, a trip and its aftermath.
+fn golden() -> Vec<Sample> {
+    (0..220)
+        .map(|number| {
+            let mut sample = skipping(number);
+            if number >= 210 {
+                sample.flags = flags::BYPASS_OPEN | flags::TRIPPED | flags::OVERRUN;
+                (sample.voltage_v, sample.trip) = (0.0, 2 << 8 | 3);
+            } else if number % 10 == 7 {
+                sample.flags |= flags::SLEW_LIMITED;
+            }
+            if number == 219 {
+                sample.flags |= flags::LAST | flags::STOPPED;
+            }
+            sample
+        })
+        .collect()
 }

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use recordings::{McapWriter, Plane, Protocol, Recording, Role, RunMetadata};
-use rt_core::{SAMPLE_VERSION, Sample, Tick, flags};
+use rt_core::{Input, Sample, Tick, flags};
 
 /// A header and rows of the contract, all values present.
 pub fn csv_text(rows: usize) -> String {
@@ -26,18 +26,28 @@ pub fn csv_with(rows: usize, line: usize, column: usize, field: &str) -> String 
     lines.iter().map(|fields| fields.join(",") + "\n").collect()
 }
 
-/// A tick of a made-up run: values that change every tick, with gaps in torque and volume.
+/// A tick of a made-up run in real time: values that change every tick, with gaps in torque and volume.
 pub fn sample(tick: u64) -> Sample {
     let now = Tick::at(tick);
     let wave = (tick as f64 * 0.013).sin();
     let noise = ((tick * 2_654_435_761) % 10_007) as f64 / 10_007.0 - 0.5;
-    Sample {
-        version: SAMPLE_VERSION,
+    let small = |factor: u64| (tick * factor % 1009) as u32;
+    let mut sample = Sample {
         run: 3,
         tick,
         scheduled_ns: now.scheduled_ns,
+        woken_ns: 1_000_000_000_000 + now.scheduled_ns + tick % 7,
         lateness_ns: tick % 7,
-        input_age_ns: 0,
+        age_ns: [small(3), small(5), 0, small(7), 5_000_000],
+        heartbeat_age_ns: small(11),
+        behind_ns: small(13) % 5,
+        read_ns: small(17),
+        check_ns: small(19),
+        reference_ns: small(23),
+        control_ns: small(29),
+        write_ns: small(31),
+        publish_ns: small(37),
+        step: (tick / 250) as u32,
         voltage_v: 21.6 * wave.signum(),
         angle_deg: 30.0 * wave + 0.01 * noise,
         pressure1_bar: 2.7 + wave + 0.005 * noise,
@@ -46,7 +56,16 @@ pub fn sample(tick: u64) -> Sample {
         volume_ml: if tick.is_multiple_of(250) { 0.5 * tick as f64 } else { f64::NAN },
         segment: (tick / 500) as u32,
         flags: if wave > 0.0 { flags::BRAKE_OPEN } else { flags::BYPASS_OPEN },
-    }
+        ..Sample::BLANK
+    };
+    sample.quality = sample.measurement().valid() | Input::Pressure1.bit() << 8;
+    sample
+}
+
+/// The made-up run where the loop passed over some ticks after every 100th.
+pub fn skipping(number: u64) -> Sample {
+    let skipped: u64 = (1..=number / 100).map(|k| k % 5).sum();
+    Sample { skipped, ..sample(number + skipped) }
 }
 
 /// What the made-up run says about itself.
@@ -64,9 +83,7 @@ pub fn metadata() -> RunMetadata {
 /// Writes `samples` to `path` and closes the recording; `published` samples are said to have been sent.
 pub fn write_mcap(path: &std::path::Path, samples: &[Sample], published: u64) {
     let mut writer = McapWriter::create(path, &metadata()).unwrap();
-    for sample in samples {
-        writer.write(sample).unwrap();
-    }
+    samples.iter().for_each(|sample| writer.write(sample).unwrap());
     let certificate = writer.certificate(published);
     writer.finish(&certificate).unwrap();
 }
@@ -88,6 +105,46 @@ pub fn bits(recording: &Recording) -> Vec<Vec<u64>> {
     bits.push(recording.bypass_open.iter().map(|&open| u64::from(open)).collect());
     bits.push(recording.segment.iter().map(|&segment| segment.cast_unsigned()).collect());
     bits
+}
+
+/// A sample as bits; NaN equals NaN.
+pub fn sample_bits(sample: &Sample) -> Vec<u64> {
+    let bits = |value: f64| if value.is_nan() { u64::MAX } else { value.to_bits() };
+    let Sample {
+        version,
+        run,
+        tick,
+        scheduled_ns,
+        woken_ns,
+        lateness_ns,
+        skipped,
+        voltage_v,
+        angle_deg,
+        pressure1_bar,
+        pressure2_bar,
+        torque_nm,
+        volume_ml,
+        age_ns,
+        heartbeat_age_ns,
+        behind_ns,
+        read_ns,
+        check_ns,
+        reference_ns,
+        control_ns,
+        write_ns,
+        publish_ns,
+        segment,
+        step,
+        flags,
+        quality,
+        trip,
+    } = *sample;
+    let wide = [tick, scheduled_ns, woken_ns, lateness_ns, skipped];
+    let values = [voltage_v, angle_deg, pressure1_bar, pressure2_bar, torque_nm, volume_ml].map(bits);
+    let stages = [read_ns, check_ns, reference_ns, control_ns, write_ns, publish_ns];
+    let others = [version, run, heartbeat_age_ns, behind_ns, segment, step, flags, quality, trip];
+    let small = age_ns.into_iter().chain(stages).chain(others).map(u64::from);
+    wide.into_iter().chain(values).chain(small).collect()
 }
 
 /// The message of an error, which must hold each of these.
