@@ -2,8 +2,8 @@
 
 use super::angle::{self, AngleLoop};
 use super::constant_flow::voltage_with_rest;
-use super::feed_forward::Plant;
-use super::pi::{Demand, Instant, Pi, Rates};
+use super::feed_forward::{Oil, Plant};
+use super::pi::{Demand, Moment, Pi, Rates};
 use super::pressure::PressureLoop;
 use super::seen::Seen;
 use super::settings::{ControllerError, Settings};
@@ -71,7 +71,7 @@ impl Around {
         }
     }
 
-    fn demand(&mut self, plant: &Plant, settings: &Settings, at: &Instant, goal: Goal) -> Demand {
+    fn demand(&mut self, plant: &Plant, settings: &Settings, at: &Moment, goal: Goal) -> Demand {
         match (self, goal) {
             (Around::Angle(angle), Goal::Angle { angle_deg, velocity_deg_s }) => {
                 angle.demand(plant, settings, at, angle_deg, velocity_deg_s)
@@ -82,10 +82,10 @@ impl Around {
     }
 
     /// Oil that the pump must have moved between two measurements, ml.
-    fn moved_ml(&self, plant: &Plant, before: &Seen, seen: &Seen) -> f64 {
+    fn moved_ml(&self, oil: &Oil, before: &Seen, seen: &Seen) -> f64 {
         match self {
-            Around::Angle(_) => angle::moved_ml(plant, before, seen),
-            Around::Pressure(pressure) => pressure.moved_ml(plant, before, seen),
+            Around::Angle(_) => angle::moved_ml(oil, before, seen),
+            Around::Pressure(pressure) => pressure.moved_ml(oil, before, seen),
         }
     }
 }
@@ -138,10 +138,11 @@ impl ClosedLoops {
         let dp_bar = seen.dp_bar();
         let then = closed.map_or(now, |closed| closed.then);
         let elapsed_s = now.scheduled_ns.saturating_sub(then.scheduled_ns) as f64 * 1e-9;
-        let demand = around.demand(plant, settings, &Instant { now, elapsed_s, seen, rates }, goal);
+        let oil = plant.oil(seen);
+        let demand = around.demand(plant, settings, &Moment { now, seen, oil }, goal);
         let pi = match closed {
             Some(closed) => {
-                let moved_ml = around.moved_ml(plant, &closed.before, seen);
+                let moved_ml = around.moved_ml(&oil, &closed.before, seen);
                 closed.pi.learn(elapsed_s, closed.delivered_ml_s, moved_ml, demand, rates);
                 closed.pi
             }

@@ -15,6 +15,17 @@ const PRESSURE_FLOOR_BAR: f64 = 0.1;
 const CHECKED_DEG: [f64; 3] = [-60.0, 0.0, 60.0];
 const CHECKED_BAR: [f64; 3] = [0.5, STORED_FROM_BAR, 8.0];
 
+/// Oil that the pump has to move for a unit of something, at one angle and one pair of pressures.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Oil {
+    /// For 1 bar in chamber 1 or 2 while the lever stands, ml/bar.
+    pub chambers_ml_bar: [f64; 2],
+    /// For 1 bar of pressure difference while the lever stands, ml/bar: both chambers in series.
+    pub series_ml_bar: f64,
+    /// For 1 degree of the lever at a constant pressure difference, ml/deg.
+    pub angle_ml_deg: f64,
+}
+
 /// The reference model with identified parameters; effects beyond it are left to the integrators.
 #[derive(Clone, Debug)]
 pub struct Plant {
@@ -44,10 +55,10 @@ impl Plant {
                 for pressure2_bar in CHECKED_BAR {
                     let seen = Seen { angle_deg, pressure1_bar, pressure2_bar };
                     let at = || format!("at {angle_deg} deg, {pressure1_bar} bar and {pressure2_bar} bar");
-                    let [capacity1, capacity2] = plant.capacities_ml_bar(&seen);
-                    positive("capacity of chamber 1, ml/bar,", capacity1, &at)?;
-                    positive("capacity of chamber 2, ml/bar,", capacity2, &at)?;
-                    positive("displacement, ml/deg,", plant.displacement_ml_deg(&seen), &at)?;
+                    let Oil { chambers_ml_bar: [chamber1, chamber2], angle_ml_deg, .. } = plant.oil(&seen);
+                    positive("capacity of chamber 1, ml/bar,", chamber1, &at)?;
+                    positive("capacity of chamber 2, ml/bar,", chamber2, &at)?;
+                    positive("displacement, ml/deg,", angle_ml_deg, &at)?;
                 }
             }
             for sign in [-1.0, 1.0] {
@@ -71,24 +82,18 @@ impl Plant {
         self.flow_ml_s(self.u_max_v, 0.0)
     }
 
-    /// Capacities of both chambers, eq. (13), ml/bar.
-    pub fn capacities_ml_bar(&self, seen: &Seen) -> [f64; 2] {
+    /// How much oil a motion takes here, eqs. (7), (8), (13), (14).
+    pub fn oil(&self, seen: &Seen) -> Oil {
+        let angle_rad = seen.angle_deg.to_radians();
         let pressure_bar = [seen.pressure1_bar, seen.pressure2_bar].map(|p| p.max(PRESSURE_FLOOR_BAR));
-        capacity(&self.k, seen.angle_deg.to_radians(), pressure_bar)
-    }
-
-    /// Oil that the pump moves for 1 bar of pressure difference while the lever stands, ml/bar: both chambers in series.
-    pub fn series_capacity_ml_bar(&self, seen: &Seen) -> f64 {
-        let [c1, c2] = self.capacities_ml_bar(seen);
-        c1 * c2 / (c1 + c2)
-    }
-
-    /// Oil that the pump moves for 1 degree of the lever at a constant pressure difference, ml/deg: eqs. (7) and (8), where what
-    /// one chamber takes more than the other gives goes into both capacities.
-    pub fn displacement_ml_deg(&self, seen: &Seen) -> f64 {
-        let [c1, c2] = self.capacities_ml_bar(seen);
-        let [v1, v2] = displacement(&self.k, seen.angle_deg.to_radians());
-        ((v1 * c2 - v2 * c1) / (c1 + c2)).to_radians()
+        let chambers_ml_bar @ [c1, c2] = capacity(&self.k, angle_rad, pressure_bar);
+        let [v1, v2] = displacement(&self.k, angle_rad);
+        Oil {
+            chambers_ml_bar,
+            series_ml_bar: c1 * c2 / (c1 + c2),
+            // What one chamber takes more than the other gives goes into both capacities.
+            angle_ml_deg: ((v1 * c2 - v2 * c1) / (c1 + c2)).to_radians(),
+        }
     }
 
     /// Pressure difference at which the lever moves through this angle (degrees) at this velocity (degrees/s): eq. (2)
@@ -108,7 +113,8 @@ impl Plant {
     /// How hard the shut-in oil holds the lever in the middle of its range.
     fn stiffness_nm_rad(&self) -> f64 {
         let middle = Seen { angle_deg: 0.0, pressure1_bar: STORED_FROM_BAR, pressure2_bar: STORED_FROM_BAR };
-        let bar_per_rad = (self.displacement_ml_deg(&middle) / self.series_capacity_ml_bar(&middle)).to_degrees();
+        let Oil { angle_ml_deg, series_ml_bar, .. } = self.oil(&middle);
+        let bar_per_rad = (angle_ml_deg / series_ml_bar).to_degrees();
         self.k[M3] * bar_per_rad - self.k[M2]
     }
 
@@ -159,17 +165,19 @@ mod tests {
         }
 
         #[test]
-        fn the_oil_for_a_motion_keeps_the_pressure_difference(
+        fn the_oil_for_a_motion_keeps_the_pressure_difference_and_that_for_a_bar_makes_a_bar(
             angle_deg in -60.0..60.0_f64, pressure1_bar in 0.5..8.0_f64, pressure2_bar in 0.5..8.0_f64,
         ) {
             let plant = plant(false);
             let seen = Seen { angle_deg, pressure1_bar, pressure2_bar };
-            let [c1, c2] = plant.capacities_ml_bar(&seen);
+            let Oil { chambers_ml_bar: [c1, c2], angle_ml_deg, series_ml_bar } = plant.oil(&seen);
             let [v1, v2] = displacement(&Parameters::example().to_vector(), angle_deg.to_radians());
             // 1 degree a second, eqs. (7) and (8)
-            let (flow, w) = (plant.displacement_ml_deg(&seen), 1.0_f64.to_radians());
-            let rates = [(flow - v1 * w) / c1, (-flow - v2 * w) / c2];
-            prop_assert!((rates[0] - rates[1]).abs() < 1e-9, "{rates:?}");
+            let rates = |flow: f64, w: f64| [(flow - v1 * w) / c1, (-flow - v2 * w) / c2];
+            let moving = rates(angle_ml_deg, 1.0_f64.to_radians());
+            prop_assert!((moving[0] - moving[1]).abs() < 1e-9, "{moving:?}");
+            let held = rates(series_ml_bar, 0.0);
+            prop_assert!((held[0] - held[1] - 1.0).abs() < 1e-9, "{held:?}");
         }
     }
 

@@ -15,11 +15,12 @@
 //! On the model its poles are -kp and -ki, and -ki does not show in the answer to the reference: a step has no overshoot of
 //! its own. While u is clamped, Q is the flow that the clamped voltage gives, and I does not wind up.
 
+use super::feed_forward::Oil;
 use super::seen::Seen;
 use rt_core::Tick;
 
-/// Error and integrator are smoothed at this multiple of the bandwidth, which costs 6 degrees of phase there and keeps two thirds and more
-/// of the sensors' noise from the pump.
+/// Error and integrator are smoothed at this multiple of the bandwidth: it costs 6 degrees of phase there and keeps two
+/// thirds and more of the sensors' noise from the pump.
 const SMOOTHING_SHARE: f64 = 10.0;
 
 /// Rates of one loop, 1/s.
@@ -40,12 +41,11 @@ impl Rates {
 
 /// A tick as a loop sees it.
 #[derive(Clone, Copy, Debug)]
-pub struct Instant<'a> {
+pub struct Moment<'a> {
     pub now: Tick,
-    /// Since the last tick at which the loop had what it needs; 0 at its first.
-    pub elapsed_s: f64,
     pub seen: &'a Seen,
-    pub rates: Rates,
+    /// By the model at what was seen.
+    pub oil: Oil,
 }
 
 /// What a reference asks for.

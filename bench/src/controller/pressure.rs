@@ -3,8 +3,8 @@
 //! The gain is that of a held lever. A free lever gives way, slowly against the pressure: what then flows into its motion is
 //! learnt by the integrator, and as pressure and flow meet at the same place, the loop stays damped.
 
-use super::feed_forward::{Plant, Rate};
-use super::pi::{Demand, Instant};
+use super::feed_forward::{Oil, Plant, Rate};
+use super::pi::{Demand, Moment};
 use super::seen::Seen;
 use super::settings::Settings;
 use rt_core::{ControlledPressure, Input};
@@ -35,12 +35,11 @@ impl PressureLoop {
     }
 
     /// Oil that the pump moves for 1 bar of it while the lever stands, ml/bar; negative where it falls with the flow.
-    fn capacity_ml_bar(&self, plant: &Plant, seen: &Seen) -> f64 {
-        let [chamber1, chamber2] = plant.capacities_ml_bar(seen);
+    fn capacity_ml_bar(&self, oil: &Oil) -> f64 {
         match self.of {
-            ControlledPressure::Chamber1 => chamber1,
-            ControlledPressure::Chamber2 => -chamber2,
-            ControlledPressure::Difference => plant.series_capacity_ml_bar(seen),
+            ControlledPressure::Chamber1 => oil.chambers_ml_bar[0],
+            ControlledPressure::Chamber2 => -oil.chambers_ml_bar[1],
+            ControlledPressure::Difference => oil.series_ml_bar,
         }
     }
 
@@ -54,8 +53,8 @@ impl PressureLoop {
     }
 
     /// What the reference (bar) asks for.
-    pub fn demand(&mut self, plant: &Plant, settings: &Settings, at: &Instant, bar: f64) -> Demand {
-        let capacity_ml_bar = self.capacity_ml_bar(plant, at.seen);
+    pub fn demand(&mut self, plant: &Plant, settings: &Settings, at: &Moment, bar: f64) -> Demand {
+        let capacity_ml_bar = self.capacity_ml_bar(&at.oil);
         let most_bar_s = plant.most_flow_ml_s() / capacity_ml_bar.abs();
         let rate_bar_s = self.reference.per_s(at.now, bar, most_bar_s);
         let missing_ml = capacity_ml_bar * (bar - self.value_bar(at.seen));
@@ -65,7 +64,7 @@ impl PressureLoop {
     }
 
     /// Oil that the pump must have moved between two measurements, ml.
-    pub fn moved_ml(&self, plant: &Plant, before: &Seen, seen: &Seen) -> f64 {
-        self.capacity_ml_bar(plant, seen) * (self.value_bar(seen) - self.value_bar(before))
+    pub fn moved_ml(&self, oil: &Oil, before: &Seen, seen: &Seen) -> f64 {
+        self.capacity_ml_bar(oil) * (self.value_bar(seen) - self.value_bar(before))
     }
 }
