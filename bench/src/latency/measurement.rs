@@ -7,7 +7,7 @@ use crate::latency::slices::{DISTURBED_FROM, Kind as SliceKind, Plan, SUBSCRIBER
 use crate::latency::statistics::{Distribution, Figures, Pool};
 use crate::latency::subscriber::{Disturbance, Heard, Subscribers};
 use crate::progress::Progress;
-use rt_core::system::{self, Report, Request};
+use rt_core::system::{self, Grant, Outcome, Report, Request};
 use rt_core::{Pace, Publication};
 use serde::Serialize;
 use std::sync::mpsc::{self, Receiver};
@@ -89,8 +89,6 @@ pub struct Measured {
     pub process: Report,
     /// The same for the loop's thread.
     pub thread: Report,
-    /// Real-time priority that the loop's thread was given, 1..=99.
-    pub priority: Option<u8>,
 }
 
 impl Measured {
@@ -123,7 +121,6 @@ pub fn measure(settings: &Settings, progress: &Progress) -> Result<Measured, Fai
         not_taken: 0,
         process,
         thread: Report::default(),
-        priority: None,
     };
     let step = progress.step("latency", plan.slices.len() as u64);
     for (number, kind) in plan.slices.iter().enumerate() {
@@ -193,7 +190,7 @@ impl Measured {
     }
 
     fn cyclictest_slice(&mut self, request: &Request) -> Result<(), Failure> {
-        let lateness = bare::cyclictest(self.plan.ticks, self.priority, request.cpus.as_deref());
+        let lateness = bare::cyclictest(self.plan.ticks, priority(&self.thread, request), request.cpus.as_deref());
         let lateness = lateness.map_err(|e| Failure::of(Kind::Input, &e))?;
         self.cyclictest.add(&lateness);
         self.slices.push(Slice::of("cyclictest", None, &lateness));
@@ -231,7 +228,6 @@ impl Measured {
     fn hear_grants<T>(&mut self, thread: &Prepared<T>) {
         if self.slices.is_empty() {
             self.thread = thread.report.clone();
-            self.priority = thread.priority;
         }
     }
 }
@@ -245,7 +241,6 @@ impl Slice {
 /// Work in a thread that was prepared for it.
 struct Prepared<T> {
     report: Report,
-    priority: Option<u8>,
     done: Receiver<T>,
     handle: JoinHandle<()>,
 }
@@ -257,14 +252,13 @@ impl<T: Send + 'static> Prepared<T> {
         let request = request.clone();
         let body = move || {
             // The other end waits for both, unless it has failed.
-            let grants = system::prepare_thread(&request);
-            let _ = prepared.send((grants, own_priority()));
+            let _ = prepared.send(system::prepare_thread(&request));
             let _ = finished.send(work());
         };
         let handle = thread::Builder::new().name("loop".to_owned()).spawn(body);
         let handle = handle.map_err(|e| Failure::new(Kind::Internal, format!("the loop's thread: {e}")))?;
-        let (grants, priority) = from_thread.recv().map_err(|_| defect())?;
-        Ok(Prepared { report: Report::new(grants), priority, done, handle })
+        let report = Report::new(from_thread.recv().map_err(|_| defect())?);
+        Ok(Prepared { report, done, handle })
     }
 
     fn wait(self) -> Result<T, Failure> {
@@ -278,10 +272,8 @@ fn defect() -> Failure {
     Failure::new(Kind::Internal, "the loop's thread ended by a defect; see above")
 }
 
-/// Real-time priority of the calling thread as the kernel tells it; `None` where it has none.
-fn own_priority() -> Option<u8> {
-    let stat = std::fs::read_to_string("/proc/thread-self/stat").ok()?;
-    // Behind the name, which may hold anything in its parentheses, the priority is the 38th field (proc_pid_stat(5): the 40th).
-    let priority: u8 = stat.rsplit_once(')')?.1.split_whitespace().nth(37)?.parse().ok()?;
-    (priority > 0).then_some(priority)
+/// The priority that was asked for, where it holds.
+fn priority(report: &Report, request: &Request) -> Option<u8> {
+    let granted = |grant: &Grant| grant.what == "sched" && matches!(grant.outcome, Outcome::Granted(_));
+    report.grants().iter().any(granted).then_some(request.priority)
 }
