@@ -3,7 +3,7 @@
 use crate::failure::{Failure, Kind};
 use crate::progress::Progress;
 use crate::runner::{Mode, Plan, Runner, certify, judge};
-use model::ModelFile;
+use crate::setup::Knowledge;
 use profiles::Script;
 use recordings::{CAMPAIGN_FILE, Campaign, RigFacts, RunEntry, UnknownWord};
 use rt_core::{Device, Limits, LossCertificate, Switches};
@@ -58,7 +58,7 @@ impl Session {
     }
 
     /// Runs one script to its end and adds its recording to the campaign. `text` is the script's own text, kept in the
-    /// recording; `model` serves the targets that need one. Prints `NAME: N of N samples`.
+    /// recording; `knowledge` serves the targets other than voltages. Prints `NAME: N of N samples`.
     ///
     /// # Errors
     /// The script does not fit the rig (2), the device failed (4), the supervisor tripped (5), samples were lost or could
@@ -68,14 +68,14 @@ impl Session {
         script: &Script,
         text: &str,
         device: &mut (dyn Device + Send),
-        model: Option<&ModelFile>,
+        knowledge: &Knowledge,
         switches: &Switches,
         progress: &Progress,
     ) -> Result<Recorded, Failure> {
         let entry = entry(script).map_err(|e| Failure::of(Kind::Internal, &e))?;
         let path = self.campaign.dir.join(&entry.file);
         let (seed, u_max_v, notes) = (self.seed, self.campaign.rig.u_max_v, &self.notes);
-        let plan = Plan { script, text, seed, u_max_v, model, path: &path, notes };
+        let plan = Plan { script, text, seed, u_max_v, knowledge, path: &path, notes };
         let finished = self.runner.run(&plan, device, switches, progress)?;
         self.campaign.runs.push(entry.clone());
         self.campaign.write_toml().map_err(|e| Failure::of(Kind::Input, &e))?;

@@ -5,6 +5,7 @@ use crate::campaign::{Session, Settings};
 use crate::failure::{Failure, Kind};
 use crate::interrupt;
 use crate::progress::Progress;
+use crate::setup::Knowledge;
 use crate::simulation::added_effects;
 use crate::strength::strength;
 use drivers::EmulatedRig;
@@ -120,14 +121,14 @@ pub fn record(dir: &Path, truth: &ModelFile, seed: u64, progress: &Progress) -> 
     };
     let mut session = Session::create(settings, progress)?;
     let (switches, _driving) = interrupt::driving()?;
-    let mut model = None;
+    let mut knowledge = Knowledge::Nothing;
     for (index, (file, text)) in BUILTIN.iter().enumerate() {
         let script = Script::parse(text, file).map_err(|e| Failure::of(Kind::Internal, &e))?;
         let mut rig = rig_for(truth, &script, seed, index)?;
-        let recorded = session.run(&script, text, &mut rig, model.as_ref(), switches, progress)?;
+        let recorded = session.run(&script, text, &mut rig, &knowledge, switches, progress)?;
         if recorded.entry.protocol == Protocol::PumpMap {
             // Flows are asked for later: as on a real rig, the pump has to be measured for that.
-            model = Some(measured_pump(session.campaign(), &recorded.entry)?);
+            knowledge = Knowledge::Pump(measured_pump(session.campaign(), &recorded.entry)?);
         }
     }
     session.finish()

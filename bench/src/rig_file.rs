@@ -1,7 +1,10 @@
 //! `rig.toml`: the device, the facts of the rig, what the supervisor enforces, the safe state.
 
+use crate::controller::Settings as LoopSettings;
 use crate::failure::{Failure, Kind};
+use crate::setup::Knowledge;
 use model::{ModelFile, Parameters};
+use profiles::Plane;
 use recordings::RigFacts;
 use rt_core::{Limits, SafeState};
 use serde::{Deserialize, Serialize};
@@ -21,8 +24,8 @@ pub struct Rig {
     pub limits: Limits,
     /// The plant of the emulated rig.
     pub plant: ModelFile,
-    /// The identified model, for targets that need one.
-    pub model: Option<ModelFile>,
+    /// What the controller knows.
+    pub knowledge: Knowledge,
 }
 
 #[derive(Deserialize)]
@@ -65,7 +68,9 @@ struct RawFacts {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawController {
-    model: PathBuf,
+    model: Option<PathBuf>,
+    #[serde(default)]
+    loops: LoopSettings,
 }
 
 /// The limits as they are written; what is left out stays as it is.
@@ -198,19 +203,26 @@ impl Rig {
             return Err(input(format!("[rig] {key}: expected a finite number above 0, got {got}")));
         }
         if !(facts.gravity_nm.is_finite() && facts.gravity_nm >= 0.0) {
-            return Err(input(format!("[rig] gravity_nm: expected a finite number, 0 or more, got {}", facts.gravity_nm)));
+            return Err(input(format!(
+                "[rig] gravity_nm: expected a finite number, 0 or more, got {}",
+                facts.gravity_nm
+            )));
         }
         // A fraction of u_max may round up in its last digit.
         let defaults = Limits { voltage_max_v: facts.u_max_v * (1.0 + 1e-9), ..Limits::default() };
         let limits = Limits { safe_state: raw.safe_state.over(defaults.safe_state), ..raw.limits.over(defaults) };
+        // The plant of the emulated rig is known; its effects are what nobody knows.
+        let (controller_model, loops) = match raw.controller {
+            Some(RawController { model: Some(path), loops }) => (model(&path)?, loops),
+            Some(RawController { model: None, loops }) => (ModelFile::plain(plant.parameters), loops),
+            None => (ModelFile::plain(plant.parameters), LoopSettings::default()),
+        };
+        let knowledge = Knowledge::Model(controller_model, loops);
+        for plane in [Plane::Horizontal, Plane::Vertical] {
+            knowledge.controller(plane).map_err(|failure| input(format!("[controller] {failure}")))?;
+        }
         limits.validate().map_err(|error| input(format!("[limits] {error}")))?;
-        Ok(Rig {
-            name: raw.name.unwrap_or_else(|| "rig".to_owned()),
-            facts,
-            limits,
-            plant,
-            model: raw.controller.map(|controller| model(&controller.model)).transpose()?,
-        })
+        Ok(Rig { name: raw.name.unwrap_or_else(|| "rig".to_owned()), facts, limits, plant, knowledge })
     }
 }
 

@@ -5,8 +5,7 @@ use crate::failure::{Failure, Kind};
 use crate::incident::Incidents;
 use crate::logger::{Logger, LoggerError};
 use crate::progress::Progress;
-use crate::setup::Setup;
-use model::ModelFile;
+use crate::setup::{Knowledge, Setup};
 use profiles::Script;
 use recordings::{CampaignError, Event, RunMetadata, Severity};
 use rt_core::system::{self, ProcessGuard, Report, Request};
@@ -52,8 +51,8 @@ pub struct Plan<'a> {
     pub seed: u64,
     /// Largest voltage of the rig, V.
     pub u_max_v: f64,
-    /// For targets that need a model.
-    pub model: Option<&'a ModelFile>,
+    /// For targets other than voltages.
+    pub knowledge: &'a Knowledge,
     /// The file to write, `.mcap`.
     pub path: &'a Path,
     /// Noted in the recording.
@@ -100,7 +99,8 @@ impl Runner {
         let publication = match &mode {
             Mode::Lockstep => Publication::start(instance, Pace::LOCKSTEP),
             Mode::RealTime { request, .. } => {
-                let below = Request { priority: request.priority.saturating_sub(PUBLICATION_BELOW).max(1), ..request.clone() };
+                let below =
+                    Request { priority: request.priority.saturating_sub(PUBLICATION_BELOW).max(1), ..request.clone() };
                 Publication::start_prepared(instance, Pace::RealTime, move || {
                     // The loop's own thread asks the same and says what is refused.
                     let _ = system::prepare_thread(&below);
@@ -134,8 +134,8 @@ impl Runner {
         let mut playback = plan.script.compile(&context).map_err(|e| Failure::of(Kind::Input, &e))?;
         let run = Run { number: self.next_run, overrun: plan.script.overrun };
         self.next_run += 1;
-        let setup = Setup::of(plan.seed, plan.u_max_v, self.supervisor.limits(), plan.model);
-        let mut controller = setup.controller();
+        let setup = Setup::of(plan.seed, plan.u_max_v, self.supervisor.limits(), plan.knowledge);
+        let mut controller = plan.knowledge.controller(plan.script.plane)?;
         let mut metadata = metadata(plan, &setup)?;
 
         let Runner { mode, supervisor, logger, publication, flight, flown, system, .. } = self;
@@ -229,7 +229,10 @@ fn say_refusals(report: &Report, required: bool, say: bool, progress: &Progress)
     }
     let lines: Vec<String> = refused.iter().map(ToString::to_string).collect();
     if required {
-        return Err(Failure::new(Kind::Input, format!("real time is required, and the system refuses: {}", lines.join("; "))));
+        return Err(Failure::new(
+            Kind::Input,
+            format!("real time is required, and the system refuses: {}", lines.join("; ")),
+        ));
     }
     if say {
         lines.iter().for_each(|line| progress.say(&format!("real time: {line}")));

@@ -1,10 +1,11 @@
 //! What decides the loop's outputs besides script and measurements: limits, safe state, seed, largest voltage, model. It stands in
 //! every recording, so that the run can be replayed from its recording alone.
 
-use crate::controller::PumpController;
+use crate::controller::{PumpController, Settings as LoopSettings};
 use crate::failure::{Failure, Kind};
 use crate::rig_file::{RawLimits, RawSafeState};
 use model::ModelFile;
+use profiles::Plane;
 use rt_core::{Controller, Limits, SafeState};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -13,6 +14,42 @@ use std::collections::BTreeMap;
 const SETUP_NOTE: &str = "setup";
 /// Name of the note that holds the controller's model, as `model.toml`.
 const MODEL_NOTE: &str = "model";
+
+/// What the controller knows of the rig, which decides the targets that it can serve.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Knowledge {
+    /// Voltages only.
+    Nothing,
+    /// Flows too: of this model only the pump is measured.
+    Pump(ModelFile),
+    /// Pressures and angles too.
+    Model(ModelFile, LoopSettings),
+}
+
+impl Knowledge {
+    fn model(&self) -> Option<&ModelFile> {
+        match self {
+            Knowledge::Nothing => None,
+            Knowledge::Pump(model) | Knowledge::Model(model, _) => Some(model),
+        }
+    }
+
+    /// The controller of a run in this plane.
+    ///
+    /// # Errors
+    /// Settings out of range, a model that can't be inverted (2).
+    pub fn controller(&self, plane: Plane) -> Result<Box<dyn Controller + Send>, Failure> {
+        let controller = match self {
+            Knowledge::Nothing => PumpController::open_loop(),
+            Knowledge::Pump(model) => PumpController::with_pump(model.parameters.pump),
+            Knowledge::Model(model, settings) => {
+                let settings = LoopSettings { vertical: plane == Plane::Vertical, ..*settings };
+                PumpController::with_model(&model.parameters, settings).map_err(|e| Failure::of(Kind::Input, &e))?
+            }
+        };
+        Ok(Box::new(controller))
+    }
+}
 
 /// See the module.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,8 +60,8 @@ pub struct Setup {
     pub u_max_v: f64,
     /// What the supervisor enforced.
     pub limits: Limits,
-    /// The controller's model.
-    pub model: Option<ModelFile>,
+    /// What the controller knew.
+    pub knowledge: Knowledge,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -35,12 +72,14 @@ struct Written {
     u_max_v: f64,
     limits: RawLimits,
     safe_state: RawSafeState,
+    /// Left out where the model's pump alone is known.
+    controller: Option<LoopSettings>,
 }
 
 impl Setup {
     /// The setup of a run.
-    pub fn of(seed: u64, u_max_v: f64, limits: &Limits, model: Option<&ModelFile>) -> Self {
-        Setup { seed, u_max_v, limits: *limits, model: model.cloned() }
+    pub fn of(seed: u64, u_max_v: f64, limits: &Limits, knowledge: &Knowledge) -> Self {
+        Setup { seed, u_max_v, limits: *limits, knowledge: knowledge.clone() }
     }
 
     /// The notes that hold it. Numbers are written so that they read back as the same bits.
@@ -50,19 +89,15 @@ impl Setup {
             u_max_v: self.u_max_v,
             limits: RawLimits::of(&self.limits),
             safe_state: RawSafeState::of(self.limits.safe_state),
+            controller: match self.knowledge {
+                Knowledge::Model(_, settings) => Some(settings),
+                Knowledge::Pump(_) | Knowledge::Nothing => None,
+            },
         };
         let text = toml::to_string(&written).expect("plain numbers and words always have a TOML form");
         let mut notes = BTreeMap::from([(SETUP_NOTE.to_owned(), text)]);
-        notes.extend(self.model.as_ref().map(|model| (MODEL_NOTE.to_owned(), model.to_toml())));
+        notes.extend(self.knowledge.model().map(|model| (MODEL_NOTE.to_owned(), model.to_toml())));
         notes
-    }
-
-    /// The controller of such a run.
-    pub fn controller(&self) -> Box<dyn Controller + Send> {
-        match &self.model {
-            Some(model) => Box::new(PumpController::with_pump(model.parameters.pump)),
-            None => Box::new(PumpController::open_loop()),
-        }
     }
 
     /// The setup that a recording's notes hold; `file` is for messages.
@@ -75,12 +110,18 @@ impl Setup {
             input("expected the setup of the run, got none; only recordings of `bench run` and of campaigns can be replayed".to_owned())
         })?;
         let written: Written = toml::from_str(text).map_err(|e| input(e.message().to_owned()))?;
-        let seed = written.seed.parse().map_err(|_| input(format!("expected a whole number, got {:?}", written.seed)))?;
+        let seed =
+            written.seed.parse().map_err(|_| input(format!("expected a whole number, got {:?}", written.seed)))?;
         let limits = written.limits.over(Limits::default());
         let limits = Limits { safe_state: written.safe_state.over(SafeState::default()), ..limits };
         let model = notes.get(MODEL_NOTE).map(|text| ModelFile::parse(text, &format!("{file}: note {MODEL_NOTE:?}")));
-        let model = model.transpose().map_err(|e| Failure::of(Kind::Input, &e))?;
-        Ok(Setup { seed, u_max_v: written.u_max_v, limits, model })
+        let knowledge = match (model.transpose().map_err(|e| Failure::of(Kind::Input, &e))?, written.controller) {
+            (Some(model), Some(settings)) => Knowledge::Model(model, settings),
+            (Some(model), None) => Knowledge::Pump(model),
+            (None, None) => Knowledge::Nothing,
+            (None, Some(_)) => return Err(input(format!("expected the note {MODEL_NOTE:?} too, got none"))),
+        };
+        Ok(Setup { seed, u_max_v: written.u_max_v, limits, knowledge })
     }
 }
 
@@ -97,8 +138,9 @@ mod tests {
             ..Limits::default()
         };
         let model = ModelFile::plain(Parameters::example());
-        for model in [None, Some(&model)] {
-            let setup = Setup::of(u64::MAX, 24.0 / 7.0, &limits, model);
+        let loops = LoopSettings { angle_bandwidth_hz: 1.0 / 3.0, ..LoopSettings::default() };
+        for knowledge in [Knowledge::Nothing, Knowledge::Pump(model.clone()), Knowledge::Model(model, loops)] {
+            let setup = Setup::of(u64::MAX, 24.0 / 7.0, &limits, &knowledge);
             assert_eq!(Setup::from_notes(&setup.notes(), "a.mcap"), Ok(setup));
         }
     }

@@ -3,6 +3,7 @@
 use bench::campaign::{Session, Settings};
 use bench::failure::Kind;
 use bench::progress::Progress;
+use bench::setup::Knowledge;
 use profiles::Script;
 use recordings::{Campaign, Plane, Protocol, Recording, RigFacts, Role};
 use rt_core::{Command, Device, DeviceError, Limits, Measurement, Switches, Tick};
@@ -64,12 +65,20 @@ static ONE: std::sync::Mutex<()> = std::sync::Mutex::new(());
 
 fn record(dir: &Path, devices: Vec<Echo>) -> Vec<Result<bench::campaign::Recorded, bench::failure::Failure>> {
     let _one = ONE.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-    let mut session = Session::create(settings(dir.to_owned()), &Progress::for_stderr()).expect("shared memory is there");
+    let mut session =
+        Session::create(settings(dir.to_owned()), &Progress::for_stderr()).expect("shared memory is there");
     let mut outcomes = Vec::new();
     for (i, mut device) in devices.into_iter().enumerate() {
         let (script, text) = script(&format!("run_{i}"), 20.0 + i as f64);
         let switches = Switches::new();
-        outcomes.push(session.run(&script, &text, &mut device, None, &switches, &Progress::for_stderr()));
+        outcomes.push(session.run(
+            &script,
+            &text,
+            &mut device,
+            &Knowledge::Nothing,
+            &switches,
+            &Progress::for_stderr(),
+        ));
     }
     session.finish().expect("the publication ends");
     outcomes
@@ -142,12 +151,13 @@ fn a_trip_is_5_and_what_followed_is_recorded() {
 fn a_stop_is_130_and_zeroes_the_output() {
     let dir = tempfile::tempdir().expect("a temporary folder");
     let _one = ONE.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-    let mut session = Session::create(settings(dir.path().to_owned()), &Progress::for_stderr()).expect("shared memory is there");
+    let mut session =
+        Session::create(settings(dir.path().to_owned()), &Progress::for_stderr()).expect("shared memory is there");
     let (script, text) = script("run_0", 5.0);
     let mut device = Echo::default();
     let switches = Switches::new();
     switches.stop.store(true, Ordering::Relaxed);
-    let outcome = session.run(&script, &text, &mut device, None, &switches, &Progress::for_stderr());
+    let outcome = session.run(&script, &text, &mut device, &Knowledge::Nothing, &switches, &Progress::for_stderr());
     assert_eq!(outcome.expect_err("it was stopped").kind, Kind::Interrupted);
     assert_eq!(device.written.last().map(|c| (c.voltage_v, c.brake_open)), Some((0.0, false)));
 }
@@ -157,7 +167,8 @@ fn a_campaign_is_never_overwritten() {
     let dir = tempfile::tempdir().expect("a temporary folder");
     record(dir.path(), vec![Echo::default()]).remove(0).expect("nothing fails");
     let before = std::fs::read(dir.path().join("run_0.mcap")).expect("written");
-    let failure = Session::create(settings(dir.path().to_owned()), &Progress::for_stderr()).err().expect("the folder is taken");
+    let failure =
+        Session::create(settings(dir.path().to_owned()), &Progress::for_stderr()).err().expect("the folder is taken");
     assert_eq!(failure.kind, Kind::Input);
     assert!(failure.message.contains("never overwritten"), "{failure}");
     assert_eq!(std::fs::read(dir.path().join("run_0.mcap")).expect("still there"), before);

@@ -59,7 +59,7 @@ pub fn replay(path: &Path) -> Result<Verdict, Failure> {
     let script = Script::parse(&recorded.profile, &file).map_err(|e| Failure::of(Kind::Input, &e))?;
     let context = profiles::Context { u_max_v: setup.u_max_v, seed: setup.seed };
     let mut playback = script.compile(&context).map_err(|e| Failure::of(Kind::Input, &e))?;
-    let mut controller = setup.controller();
+    let mut controller = setup.knowledge.controller(script.plane)?;
     let mut supervisor = Supervisor::new(setup.limits).map_err(|e| Failure::of(Kind::Input, &e))?;
 
     let broken = RefCell::new(None);

@@ -74,7 +74,7 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
         text: &text,
         seed: args.seed,
         u_max_v: rig.facts.u_max_v,
-        model: rig.model.as_ref(),
+        knowledge: &rig.knowledge,
         path: &path,
         notes: &notes,
     };
