@@ -36,10 +36,13 @@ impl WaveName {
     }
 }
 
+/// A multisine's frequencies in whole cycles a period, and the period in ticks.
+type Lines = (Vec<u64>, u64);
+
 /// What several steps share: tables that were read, and periods of multisines.
 pub(crate) struct Prepared<'a> {
     tables: &'a Tables<'a>,
-    multisines: RefCell<BTreeMap<(Vec<u64>, u64), Arc<[Point]>>>,
+    multisines: RefCell<BTreeMap<Lines, Arc<[Point]>>>,
 }
 
 impl<'a> Prepared<'a> {
@@ -47,9 +50,9 @@ impl<'a> Prepared<'a> {
         Prepared { tables, multisines: RefCell::default() }
     }
 
-    fn multisine(&self, lines: Vec<u64>, ticks: u64) -> Arc<[Point]> {
+    fn multisine(&self, lines: Lines) -> Arc<[Point]> {
         let mut known = self.multisines.borrow_mut();
-        known.entry((lines, ticks)).or_insert_with_key(|(lines, ticks)| multisine(lines, *ticks)).clone()
+        known.entry(lines).or_insert_with_key(|(lines, ticks)| multisine(lines, *ticks)).clone()
     }
 }
 
@@ -221,8 +224,7 @@ impl WaveReader<'_> {
                 ticks: self.ticks()?,
             },
             WaveName::Multisine => {
-                let (lines, ticks) = self.lines()?;
-                let period = self.reader.prepared.multisine(lines, ticks);
+                let period = self.reader.prepared.multisine(self.lines()?);
                 Signal::Multisine { mean: mean()?, amplitude: amplitude()?, period }
             }
             WaveName::RandomSteps => {
@@ -244,8 +246,7 @@ impl WaveReader<'_> {
         }))
     }
 
-    /// The multisine's frequencies in whole cycles a period, and the period in ticks.
-    fn lines(&self) -> Result<(Vec<u64>, u64), ScriptError> {
+    fn lines(&self) -> Result<Lines, ScriptError> {
         let raw = self.raw;
         let period_s = self.within("period_s", &raw.period_s, 0.01, MAX_PERIOD_S)?;
         let ticks = ticks(period_s);

@@ -4,7 +4,7 @@ mod common;
 
 use common::{EXAMPLE, FakeRig, Row, plausible_rigs, play};
 use profiles::{BUILTIN, Context, EXAMPLES, Plane, Role, Script, builtin, load_folder};
-use rt_core::{Fixture, PERIOD_NS, Target};
+use rt_core::{ControlledPressure, Fixture, PERIOD_NS, Target};
 use std::path::Path;
 
 const U_MAX_V: f64 = 24.0;
@@ -298,6 +298,18 @@ fn the_examples_stay_within_25_degrees_and_their_targets_are_reached() {
             assert!((2.0..25.0).contains(&most_deg), "{place}: {most_deg} deg");
             let rms_deg = (squares.0 / f64::from(squares.1.max(1))).sqrt();
             assert!(rms_deg < 0.5, "{place}: {rms_deg} deg off its target");
+            for segment in segments(&rows) {
+                let row = segment[segment.len() - 1];
+                let measured = row.measured;
+                let off_bar = match row.step.target {
+                    Target::PressureBar { of: ControlledPressure::Difference, bar } => {
+                        measured.pressure1_bar - measured.pressure2_bar - bar
+                    }
+                    Target::PressureBar { bar, .. } => measured.pressure1_bar - bar,
+                    _ => 0.0,
+                };
+                assert!(off_bar.abs() < 0.05, "{place}, step {}: {off_bar} bar off its target", row.step.index);
+            }
         }
     }
 }

@@ -99,9 +99,9 @@ impl FakeRig {
                 let missing_deg = angle_deg - self.phi.to_degrees();
                 self.p.v[1] * (velocity_deg_s + 3.0 * missing_deg).to_radians()
             }
-            Target::PressureBar { of: ControlledPressure::Chamber1, bar } => 20.0 * (bar - p1),
-            Target::PressureBar { of: ControlledPressure::Chamber2, bar } => -20.0 * (bar - p2),
-            Target::PressureBar { of: ControlledPressure::Difference, bar } => 10.0 * (bar - p1 + p2),
+            Target::PressureBar { of: ControlledPressure::Chamber1, bar } => 100.0 * (bar - p1),
+            Target::PressureBar { of: ControlledPressure::Chamber2, bar } => -100.0 * (bar - p2),
+            Target::PressureBar { of: ControlledPressure::Difference, bar } => 50.0 * (bar - p1 + p2),
         };
         let dp = p1 - p2;
         let driven = flow_ml_s - f3 * dp;
