@@ -138,7 +138,8 @@ pub fn measure(settings: &Settings, progress: &Progress) -> Result<Measured, Fai
 impl Measured {
     fn loop_slice(&mut self, run: u32, count: usize, request: &Request) -> Result<(), Failure> {
         let link = |e| Failure::of(Kind::Device, &e);
-        let instance = format!("latency-{}", std::process::id());
+        // One of its own: what a killed subscriber left is of no concern to the next slice.
+        let instance = format!("latency-{}-{run}", std::process::id());
         let mut slice = RealLoop::new(run, self.plan.ticks)?;
         let below = Request { priority: request.priority.saturating_sub(PUBLICATION_BELOW).max(1), ..request.clone() };
         let mut publication = Publication::start_prepared(&instance, Pace::RealTime, move || {

@@ -185,6 +185,8 @@ impl Subscribers {
             heard.push(serde_json::from_str(&line).map_err(|e| {
                 Failure::new(Kind::Device, format!("subscriber process: expected its figures, got {line:?}: {e}"))
             })?);
+            // It has said all, and takes its leave; killed in the middle of that, it would leave half of a service behind.
+            let _ = process.child.wait();
         }
         Ok(heard)
     }
@@ -200,7 +202,7 @@ impl Process {
     }
 
     fn signal(&self, signal: Signal) {
-        // It was not waited for yet, so the number is still its own.
+        // Nobody is disturbed after the run, so it was not waited for yet, and the number is still its own.
         if let Some(pid) = i32::try_from(self.child.id()).ok().and_then(Pid::from_raw) {
             let _ = kill_process(pid, signal);
         }
@@ -210,8 +212,8 @@ impl Process {
 impl Drop for Subscribers {
     fn drop(&mut self) {
         for process in &mut self.processes {
-            // A stopped process dies of this too.
-            process.signal(Signal::KILL);
+            // A stopped process dies of this too; to one that was waited for it is not sent.
+            let _ = process.child.kill();
             let _ = process.child.wait();
         }
     }
