@@ -57,8 +57,7 @@ impl Session {
         Ok(Session { campaign, seed, notes, runner })
     }
 
-    /// Runs one script to its end and adds its recording to the campaign. `text` is the script's own text, kept in the
-    /// recording; `knowledge` serves the targets other than voltages. Prints `NAME: N of N samples`.
+    /// Runs one script to its end and adds its recording to the campaign. `knowledge` serves the targets other than voltages. Prints `NAME: N of N samples`.
     ///
     /// # Errors
     /// The script does not fit the rig (2), the device failed (4), the supervisor tripped (5), samples were lost or could
@@ -66,7 +65,6 @@ impl Session {
     pub fn run(
         &mut self,
         script: &Script,
-        text: &str,
         device: &mut (dyn Device + Send),
         knowledge: &Knowledge,
         switches: &Switches,
@@ -75,7 +73,7 @@ impl Session {
         let entry = entry(script).map_err(|e| Failure::of(Kind::Internal, &e))?;
         let path = self.campaign.dir.join(&entry.file);
         let (seed, u_max_v, notes) = (self.seed, self.campaign.rig.u_max_v, &self.notes);
-        let plan = Plan { script, text, seed, u_max_v, knowledge, path: &path, notes };
+        let plan = Plan { script, seed, u_max_v, knowledge, path: &path, notes };
         let finished = self.runner.run(&plan, device, switches, progress)?;
         self.campaign.runs.push(entry.clone());
         self.campaign.write_toml().map_err(|e| Failure::of(Kind::Input, &e))?;

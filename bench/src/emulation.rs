@@ -125,7 +125,7 @@ pub fn record(dir: &Path, truth: &ModelFile, seed: u64, progress: &Progress) -> 
     for (index, (file, text)) in BUILTIN.iter().enumerate() {
         let script = Script::parse(text, file).map_err(|e| Failure::of(Kind::Internal, &e))?;
         let mut rig = rig_for(truth, &script, seed, index)?;
-        let recorded = session.run(&script, text, &mut rig, &knowledge, switches, progress)?;
+        let recorded = session.run(&script, &mut rig, &knowledge, switches, progress)?;
         if recorded.entry.protocol == Protocol::PumpMap {
             // Flows are asked for later: as on a real rig, the pump has to be measured for that.
             knowledge = Knowledge::Pump(measured_pump(session.campaign(), &recorded.entry)?);

@@ -30,8 +30,7 @@ impl Incidents {
     /// Writes what the recorder has handed over. A file that can't be written is said, and costs the run nothing.
     pub fn write(&mut self, log: &mut FlightLog, progress: &Progress) {
         while let Some(incident) = log.take() {
-            let severity =
-                if incident.reason == Reason::Overrun { Severity::Warning } else { Severity::Error };
+            let severity = if incident.reason == Reason::Overrun { Severity::Warning } else { Severity::Error };
             let mut text = incident.to_string();
             if self.files.len() < FILES_MAX {
                 let path = self.path(&incident);
@@ -166,7 +165,11 @@ mod tests {
         let dir = tempfile::tempdir().expect("a temporary folder");
         let mut incidents = Incidents::beside(&dir.path().join("square_h.mcap"));
         incidents.write(&mut log, &Progress::for_stderr());
-        assert!(incidents.events()[0].text.contains("slow device, 7.000 ms (usually 0.0008 ms)"), "{:?}", incidents.events());
+        assert!(
+            incidents.events()[0].text.contains("slow device, 7.000 ms (usually 0.0008 ms)"),
+            "{:?}",
+            incidents.events()
+        );
         let files = incidents.files();
         assert_eq!(files, [dir.path().join("square_h.2500-overrun.json")]);
         let text = std::fs::read_to_string(&files[0]).expect("was written");

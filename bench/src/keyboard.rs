@@ -88,7 +88,8 @@ mod tests {
 
     #[test]
     fn keys_throw_their_switches_and_no_others() {
-        for (key, stop, emergency) in [(b'q', true, false), (b' ', false, true), (0x1b, false, true), (b'x', false, false)]
+        for (key, stop, emergency) in
+            [(b'q', true, false), (b' ', false, true), (0x1b, false, true), (b'x', false, false)]
         {
             let switches = Switches::new();
             pressed(key, &switches);

@@ -11,6 +11,7 @@ pub mod keyboard;
 pub mod latency;
 pub mod logger;
 pub mod progress;
+pub mod recorder;
 pub mod report;
 pub mod rig_file;
 pub mod runner;

@@ -45,8 +45,6 @@ pub enum Mode {
 pub struct Plan<'a> {
     /// What is wanted.
     pub script: &'a Script,
-    /// The script's own text, kept in the recording.
-    pub text: &'a str,
     /// Seed of its random steps.
     pub seed: u64,
     /// Largest voltage of the rig, V.
@@ -271,7 +269,7 @@ fn metadata(plan: &Plan<'_>, setup: &Setup) -> Result<RunMetadata, Failure> {
         protocol: FromStr::from_str(protocol.as_str()).map_err(unknown)?,
         role: FromStr::from_str(role.as_str()).map_err(unknown)?,
         plane: FromStr::from_str(plane.as_str()).map_err(unknown)?,
-        profile: plan.text.to_owned(),
+        profile: plan.script.text.clone(),
         notes,
     })
 }

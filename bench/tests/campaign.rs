@@ -40,13 +40,13 @@ impl Device for Echo {
     }
 }
 
-fn script(name: &str, seconds: f64) -> (Script, String) {
+fn script(name: &str, seconds: f64) -> Script {
     let text = format!(
         "name = \"{name}\"\nprotocol = \"random-steps\"\nrole = \"validate\"\nplane = \"vertical\"\n\
          [start]\nfixture = \"free\"\nbrake = \"open\"\nbypass = \"closed\"\n\
          [[step]]\nfor_s = 0.5\n[[step]]\nvoltage_v = 6.0\nbrake = \"closed\"\nfor_s = {seconds}\n"
     );
-    (Script::parse(&text, name).expect("the script is written by hand above"), text)
+    Script::parse(&text, name).expect("the script is written by hand above")
 }
 
 fn settings(dir: PathBuf) -> Settings {
@@ -69,16 +69,9 @@ fn record(dir: &Path, devices: Vec<Echo>) -> Vec<Result<bench::campaign::Recorde
         Session::create(settings(dir.to_owned()), &Progress::for_stderr()).expect("shared memory is there");
     let mut outcomes = Vec::new();
     for (i, mut device) in devices.into_iter().enumerate() {
-        let (script, text) = script(&format!("run_{i}"), 20.0 + i as f64);
+        let script = script(&format!("run_{i}"), 20.0 + i as f64);
         let switches = Switches::new();
-        outcomes.push(session.run(
-            &script,
-            &text,
-            &mut device,
-            &Knowledge::Nothing,
-            &switches,
-            &Progress::for_stderr(),
-        ));
+        outcomes.push(session.run(&script, &mut device, &Knowledge::Nothing, &switches, &Progress::for_stderr()));
     }
     session.finish().expect("the publication ends");
     outcomes
@@ -153,11 +146,11 @@ fn a_stop_is_130_and_zeroes_the_output() {
     let _one = ONE.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
     let mut session =
         Session::create(settings(dir.path().to_owned()), &Progress::for_stderr()).expect("shared memory is there");
-    let (script, text) = script("run_0", 5.0);
+    let script = script("run_0", 5.0);
     let mut device = Echo::default();
     let switches = Switches::new();
     switches.stop.store(true, Ordering::Relaxed);
-    let outcome = session.run(&script, &text, &mut device, &Knowledge::Nothing, &switches, &Progress::for_stderr());
+    let outcome = session.run(&script, &mut device, &Knowledge::Nothing, &switches, &Progress::for_stderr());
     assert_eq!(outcome.expect_err("it was stopped").kind, Kind::Interrupted);
     assert_eq!(device.written.last().map(|c| (c.voltage_v, c.brake_open)), Some((0.0, false)));
 }

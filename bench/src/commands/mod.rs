@@ -4,6 +4,8 @@ mod demo;
 mod diagnose;
 mod identify;
 mod latency;
+mod record;
+mod recover;
 mod replay;
 pub mod results;
 mod run;
@@ -27,6 +29,8 @@ pub struct Cli {
 enum Command {
     Run(run::Args),
     Stop(stop::Args),
+    Record(record::Args),
+    Recover(recover::Args),
     Replay(replay::Args),
     Demo(demo::Args),
     Identify(identify::Args),
@@ -40,6 +44,8 @@ pub fn run(cli: &Cli, progress: &Progress) -> Result<(), Failure> {
     match &cli.command {
         Command::Run(args) => run::run(args, progress),
         Command::Stop(args) => stop::run(args, progress),
+        Command::Record(args) => record::run(args, progress),
+        Command::Recover(args) => recover::run(args, progress),
         Command::Replay(args) => replay::run(args, progress),
         Command::Demo(args) => demo::run(args, progress),
         Command::Identify(args) => identify::run(args, progress),

@@ -8,7 +8,7 @@ use crate::progress::Progress;
 use crate::rig_file::Rig;
 use crate::runner::{Mode, Plan, Runner, certify, judge};
 use crate::timing::Timing;
-use profiles::{BUILTIN, Script};
+use profiles::{BUILTIN, EXAMPLES, Script};
 use rt_core::system::Request;
 use rt_core::{DemandListener, Switches};
 use std::path::{Path, PathBuf};
@@ -51,7 +51,7 @@ pub struct Args {
 
 pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     let rig = Rig::read(args.rig.as_deref())?;
-    let (script, text) = profile(&args.profile)?;
+    let script = profile(&args.profile)?;
     let path = args.out.clone().unwrap_or_else(|| free_file(&script.name));
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder).map_err(|error| {
@@ -71,7 +71,6 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     let mut runner = Runner::open(&args.instance, rig.limits, mode, progress)?;
     let plan = Plan {
         script: &script,
-        text: &text,
         seed: args.seed,
         u_max_v: rig.facts.u_max_v,
         knowledge: &rig.knowledge,
@@ -125,23 +124,21 @@ fn listening<T>(
     })
 }
 
-/// A profile's script and text, by path or by the name of a built-in one.
-pub(super) fn profile(name: &str) -> Result<(Script, String), Failure> {
-    let built_in = BUILTIN.iter().find(|(file, _)| file.strip_suffix(".toml") == Some(name) || *file == name);
-    if let Some((file, text)) = built_in {
-        let script = Script::parse(text, file).map_err(|e| Failure::of(Kind::Internal, &e))?;
-        return Ok((script, (*text).to_owned()));
+/// A profile by its file, or by the name of a built-in one or of an example.
+pub(super) fn profile(name: &str) -> Result<Script, Failure> {
+    let known = || BUILTIN.iter().chain(EXAMPLES);
+    let named = |file: &str| file == name || file.strip_suffix(".toml") == Some(name);
+    if let Some((file, text)) = known().find(|(file, _)| named(file)) {
+        return Script::parse(text, file).map_err(|e| Failure::of(Kind::Internal, &e));
     }
-    let text = std::fs::read_to_string(name).map_err(|error| {
-        let known: Vec<&str> = BUILTIN.iter().map(|(file, _)| file.trim_end_matches(".toml")).collect();
-        let message = format!(
-            "{name}: expected a profile's file or one of {}, got \"{error}\"; check the path",
-            known.join(", ")
-        );
-        Failure::new(Kind::Input, message)
-    })?;
-    let script = Script::parse(&text, name).map_err(|e| Failure::of(Kind::Input, &e))?;
-    Ok((script, text))
+    Script::read(Path::new(name)).map_err(|error| {
+        let mut failure = Failure::of(Kind::Input, &error);
+        if !Path::new(name).exists() {
+            let names: Vec<&str> = known().map(|(file, _)| file.trim_end_matches(".toml")).collect();
+            failure.message.push_str(&format!("; built in are {}", names.join(", ")));
+        }
+        failure
+    })
 }
 
 /// A file that is not there yet: a measurement is never overwritten.
