@@ -1,7 +1,10 @@
 //! The logger: a thread of its own that subscribes to the published samples and writes one MCAP recording a run. It sees what
 //! any other subscriber sees, nothing else.
+//!
+//! When the system refuses to write a recording on (a full disk), the owner is told at once; the run goes on unrecorded unless
+//! the owner ends it, and its certificate says what is missing.
 
-use recordings::{CampaignError, Event, McapWriter, RunMetadata};
+use recordings::{CampaignError, CutShort, Event, McapWriter, RunMetadata};
 use rt_core::{Delivery, LinkError, LossCertificate, Sample, SampleSubscriber};
 use std::path::PathBuf;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender, TryRecvError};
@@ -52,6 +55,8 @@ pub struct Recorded {
     pub path: PathBuf,
     /// How much of the run it holds.
     pub certificate: LossCertificate,
+    /// The system refused to write it on. The file may then be a `.part`.
+    pub cut_short: Option<CutShort>,
 }
 
 /// Handle of the logger's thread. One run at a time: [`Logger::begin`], the run, [`Logger::end`].
@@ -64,6 +69,11 @@ pub struct Logger {
 impl Logger {
     /// Subscribes to `instance`. Samples that are published from now on arrive.
     pub fn start(instance: &str) -> Result<Self, LoggerError> {
+        Self::start_with(instance, |cut| tracing::error!("{cut}; the run goes on unrecorded"))
+    }
+
+    /// The same; `on_cut` hears at once, in the logger's thread, when the system refuses to write a recording on.
+    pub fn start_with(instance: &str, mut on_cut: impl FnMut(&CutShort) + Send + 'static) -> Result<Self, LoggerError> {
         let (orders, from_owner) = mpsc::channel();
         let (to_owner, answers) = mpsc::channel();
         let instance = instance.to_owned();
@@ -74,7 +84,7 @@ impl Logger {
                 let outcome = SampleSubscriber::open(&instance, Delivery::Lossless).map_err(LoggerError::from);
                 let outcome = outcome.and_then(|subscriber| {
                     let _ = to_owner.send(Ok(None));
-                    serve(subscriber, &from_owner, &to_owner)
+                    serve(subscriber, &from_owner, &to_owner, &mut on_cut)
                 });
                 if let Err(error) = outcome {
                     // The owner may be gone already; it hears of it when it asks next.
@@ -142,25 +152,24 @@ fn serve(
     mut subscriber: SampleSubscriber,
     orders: &Receiver<Order>,
     answers: &Sender<Result<Option<Recorded>, LoggerError>>,
+    on_cut: &mut dyn FnMut(&CutShort),
 ) -> Result<(), LoggerError> {
     let mut samples = Vec::with_capacity(rt_core::subscribe::DRAIN_MAX);
     while let Ok(order) = orders.recv() {
         let Order::Begin { run, path, metadata, count } = order else {
             return Err(LoggerError::Thread("was told to end a run that never began".to_owned()));
         };
-        let mut writer = McapWriter::create(&path, &metadata)?;
+        let mut open = Open { run, writer: McapWriter::create(&path, &metadata)?, recorded: 0 };
         if answers.send(Ok(None)).is_err() {
             return Ok(());
         }
-        let mut recorded = 0;
         let (ticks, events) = loop {
             let order = orders.try_recv();
             let over = !matches!(order, Err(TryRecvError::Empty));
             // Everything that was published before the end was announced is in the buffer by then.
             while take(&mut subscriber, &mut samples, if over { Duration::ZERO } else { LOOK })? > 0 {
-                record(&mut writer, run, &samples)?;
-                recorded += samples.len() as u64;
-                count(recorded);
+                open.record(&samples, on_cut)?;
+                count(open.recorded);
                 if !over {
                     break;
                 }
@@ -177,32 +186,69 @@ fn serve(
             Some(ticks) => subscriber.close_run(run, ticks),
             None => subscriber.abandon_run(),
         }
-        for event in &events {
-            writer.write_event(event)?;
-        }
         // The subscriber counted what arrived; the writer signs it only if it is what the file holds.
-        let certificate = std::iter::from_fn(|| subscriber.take_certificate())
+        let arrived = std::iter::from_fn(|| subscriber.take_certificate())
             .find(|certificate| certificate.run == run)
-            .unwrap_or_else(|| writer.certificate(ticks.unwrap_or(0)));
-        let path = writer.finish(&certificate)?;
-        if answers.send(Ok(Some(Recorded { path, certificate }))).is_err() {
+            .unwrap_or_else(|| open.writer.certificate(ticks.unwrap_or(0)));
+        if answers.send(open.close(&events, arrived, on_cut).map(Some)).is_err() {
             return Ok(());
         }
     }
     Ok(())
 }
 
+/// The recording of a run under way.
+struct Open {
+    run: u32,
+    writer: McapWriter,
+    /// Samples that were handed to the writer.
+    recorded: u64,
+}
+
+impl Open {
+    fn record(&mut self, samples: &[Sample], on_cut: &mut dyn FnMut(&CutShort)) -> Result<(), LoggerError> {
+        for sample in samples {
+            if sample.run != self.run {
+                return Err(LoggerError::OtherRun { expected: self.run, got: sample.run });
+            }
+            if self.writer.cut_short().is_some() {
+                continue;
+            }
+            match self.writer.write(sample) {
+                Ok(()) => self.recorded += 1,
+                Err(CampaignError::CutShort(cut)) => on_cut(&cut),
+                Err(error) => return Err(error.into()),
+            }
+        }
+        Ok(())
+    }
+
+    /// `arrived`: what the subscriber can certify of the run.
+    fn close(
+        mut self,
+        events: &[Event],
+        arrived: LossCertificate,
+        on_cut: &mut dyn FnMut(&CutShort),
+    ) -> Result<Recorded, LoggerError> {
+        let cut_before = self.writer.cut_short().is_some();
+        let written = events.iter().try_for_each(|event| self.writer.write_event(event));
+        let finished = written.and_then(|()| self.writer.finish(&arrived));
+        match finished {
+            Ok(path) => Ok(Recorded { path, certificate: arrived, cut_short: None }),
+            Err(CampaignError::CutShort(cut)) => {
+                if !cut_before {
+                    on_cut(&cut);
+                }
+                let LossCertificate { run, expected, end_seen, .. } = arrived;
+                let certificate = LossCertificate { run, end_seen, ..cut.of_run(expected) };
+                Ok(Recorded { path: cut.file.clone(), certificate, cut_short: Some(cut) })
+            }
+            Err(error) => Err(error.into()),
+        }
+    }
+}
+
 fn take(subscriber: &mut SampleSubscriber, into: &mut Vec<Sample>, wait: Duration) -> Result<usize, LoggerError> {
     into.clear();
     Ok(if wait.is_zero() { subscriber.drain(into)? } else { subscriber.receive(wait, into)? })
-}
-
-fn record(writer: &mut McapWriter, run: u32, samples: &[Sample]) -> Result<(), LoggerError> {
-    for sample in samples {
-        if sample.run != run {
-            return Err(LoggerError::OtherRun { expected: run, got: sample.run });
-        }
-        writer.write(sample)?;
-    }
-    Ok(())
 }

@@ -4,6 +4,8 @@ use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use rt_core::LossCertificate;
+
 /// A place in a file, as exact as it is known.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Place {
@@ -106,9 +108,10 @@ pub enum CampaignError {
 /// A recording that the operating system refused to write on, as when the disk runs full. Its complete chunks are kept.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
-    "{}: expected to write it on, got \"{system}\"; it keeps its first {samples} samples (up to {end_s:.1} s) and {}; make room \
+    "{}: expected to write it on, got \"{system}\"; it keeps its first {} samples (up to {end_s:.1} s) and {}; make room \
      on that disk, then record the run again",
     file.display(),
+    certificate.received,
     if *closed { "is closed: readable, certified as incomplete" } else { "could not be closed: `bench recover` reads it" }
 )]
 pub struct CutShort {
@@ -116,12 +119,24 @@ pub struct CutShort {
     pub file: PathBuf,
     /// The system's reason.
     pub system: String,
-    /// Samples that the file keeps.
-    pub samples: u64,
-    /// Scheduled time of the last of them, s.
+    /// What the file certifies, or would if it had been closed.
+    pub certificate: LossCertificate,
+    /// Scheduled time of the last sample that it keeps, s.
     pub end_s: f64,
     /// It was closed, with a certificate that says what it lacks.
     pub closed: bool,
+}
+
+impl CutShort {
+    /// What is kept of a run that turned out to have `expected` samples.
+    pub fn of_run(&self, expected: u64) -> LossCertificate {
+        let mut certificate = self.certificate.clone();
+        if expected > certificate.expected {
+            certificate.gaps.push((certificate.expected, expected - 1));
+            certificate.expected = expected;
+        }
+        LossCertificate { end_seen: true, ..certificate }
+    }
 }
 
 impl CampaignError {

@@ -157,7 +157,7 @@ impl McapWriter {
             Ok(()) => file.commit(),
             Err(source) => {
                 let error = self.keep_chunks(file, source, Some(certificate));
-                let whole = self.cut.take().filter(|cut| cut.closed && cut.samples == certificate.received);
+                let whole = self.cut.take().filter(|cut| cut.closed && cut.certificate == *certificate);
                 whole.map_or(Err(error), |cut| Ok(cut.file))
             }
         }
@@ -224,10 +224,12 @@ impl McapWriter {
         let appended = self.all.count();
         self.all.back_to(self.sound);
         let last = self.all.last().copied();
+        let whole = claimed.filter(|_| self.all.count() == appended);
+        let certificate = whole.cloned().unwrap_or_else(|| self.all.own_certificate());
         let mut cut = CutShort {
             file: self.part.clone(),
             system: source.to_string(),
-            samples: self.all.count(),
+            certificate: certificate.clone(),
             end_s: last.map_or(0.0, |last| last.time_s()),
             closed: false,
         };
@@ -236,8 +238,6 @@ impl McapWriter {
             self.cut = Some(cut);
             return CampaignError::write(&self.part, source);
         }
-        let whole = claimed.filter(|_| self.all.count() == appended);
-        let certificate = whole.cloned().unwrap_or_else(|| self.all.own_certificate());
         let event = Event {
             tick: last.map_or(0, |last| last.tick),
             scheduled_ns: last.map_or(0, |last| last.scheduled_ns),

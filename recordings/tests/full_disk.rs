@@ -50,7 +50,7 @@ fn whatever_the_room_the_complete_chunks_stay_readable() {
                 seen[1] = true;
             }
             Err((CampaignError::CutShort(cut), appended)) => {
-                assert!(appended - cut.samples < 1_100, "limit {limit}: {} of {appended} samples", cut.samples);
+                assert!(appended - cut.certificate.received < 1_100, "limit {limit}: {} of {appended} samples", cut.certificate.received);
                 let message = cut.to_string();
                 assert!(message.contains("File too large") && message.contains("make room"), "{message}");
                 assert!(message.contains(&cut.file.display().to_string()), "{message}");
@@ -62,7 +62,10 @@ fn whatever_the_room_the_complete_chunks_stay_readable() {
                     recover(&part, &path, &metadata()).unwrap();
                     seen[3] = true;
                 }
-                check(&path, cut.samples, cut.closed);
+                let whole_run = cut.of_run(SAMPLES);
+                let missing = (cut.certificate.received, SAMPLES - 1);
+                assert!(whole_run.gaps == [missing] && whole_run.expected == SAMPLES && whole_run.end_seen);
+                check(&path, cut.certificate.received, cut.closed);
             }
             Err((other, _)) => panic!("limit {limit}: {other}"),
         }
