@@ -3,6 +3,7 @@
 pub mod campaign;
 pub mod commands;
 pub mod controller;
+pub mod doctor;
 pub mod emulation;
 pub mod failure;
 pub mod incident;

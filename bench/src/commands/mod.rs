@@ -2,6 +2,7 @@
 
 mod demo;
 mod diagnose;
+mod doctor;
 mod identify;
 mod latency;
 mod record;
@@ -37,6 +38,7 @@ enum Command {
     Diagnose(diagnose::Args),
     Simulate(simulate::Args),
     Latency(latency::Args),
+    Doctor(doctor::Args),
 }
 
 /// Runs what the command line asks for.
@@ -52,6 +54,7 @@ pub fn run(cli: &Cli, progress: &Progress) -> Result<(), Failure> {
         Command::Diagnose(args) => diagnose::run(args, progress),
         Command::Simulate(args) => simulate::run(args, progress),
         Command::Latency(args) => latency::run(args, progress),
+        Command::Doctor(args) => doctor::run(args, progress),
     }
 }
 
