@@ -118,7 +118,9 @@ pub(super) fn idle_states(surroundings: &Surroundings) -> Verdict {
     };
     match root.opens("/dev/cpu_dma_latency") {
         Ok(()) => Verdict::ok(format!("{found}; a run forbids them (/dev/cpu_dma_latency)")),
-        Err(_) if deepest.is_some_and(|(_, us)| us <= QUICK_US) => Verdict::ok(found),
+        Err(e) if e.kind() == io::ErrorKind::NotFound && deepest.is_some_and(|(_, us)| us <= QUICK_US) => {
+            Verdict::ok(found)
+        }
         Err(e) if e.kind() == io::ErrorKind::NotFound => Verdict::advice(
             format!("{found}; no /dev/cpu_dma_latency to forbid them"),
             "boot with processor.max_cstate=1 intel_idle.max_cstate=0 (or cpuidle.off=1), or take a kernel with CONFIG_CPU_IDLE=y",
