@@ -2,9 +2,10 @@
 
 use bench::logger::{Logger, LoggerError};
 use recordings::{Event, Item, McapReader, Plane, Protocol, Role, RunMetadata, Severity};
-use rt_core::{Measurement, PERIOD_NS, Pace, Publication, Publish, SAMPLE_VERSION, Sample, flags};
-use std::sync::Arc;
+use rt_core::{PERIOD_NS, Pace, Publication, Publish, Sample, flags};
+use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -21,22 +22,16 @@ fn metadata() -> RunMetadata {
 }
 
 fn sample(run: u32, tick: u64, last: bool) -> Sample {
-    let Measurement { torque_nm, volume_ml, .. } = Measurement::NONE;
     Sample {
-        version: SAMPLE_VERSION,
         run,
         tick,
         scheduled_ns: tick * PERIOD_NS,
-        lateness_ns: 0,
-        input_age_ns: 0,
         voltage_v: 1.0,
         angle_deg: tick as f64,
         pressure1_bar: 2.0,
         pressure2_bar: 2.0,
-        torque_nm,
-        volume_ml,
-        segment: 0,
         flags: if last { flags::LAST } else { 0 },
+        ..Sample::BLANK
     }
 }
 
@@ -76,7 +71,7 @@ fn a_gap_is_certified_not_hidden_and_the_next_run_is_whole_again() {
         text: "t".into(),
     };
     let recorded = logger.end(0, Some(5000), vec![event.clone()]).expect("closed");
-    assert_eq!(recorded.certificate.to_string(), "4994 of 5000 samples; missing ticks 1234..=1239");
+    assert_eq!(recorded.certificate.to_string(), "4994 of 5000 samples; missing samples 1234..=1239");
     assert_eq!(seen.load(Ordering::SeqCst), 4994, "progress counts what is recorded");
 
     logger.begin(1, dir.path().join("b.mcap"), metadata(), |_| {}).expect("a new file");
@@ -97,7 +92,7 @@ fn a_run_whose_last_samples_are_lost_is_not_certified_whole() {
     logger.begin(0, dir.path().join("a.mcap"), metadata(), |_| {}).expect("a new file");
     publish(&mut publication, 0, 0..90, None);
     let recorded = logger.end(0, Some(100), vec![]).expect("closed");
-    assert_eq!(recorded.certificate.to_string(), "90 of 100 samples; missing ticks 90..=99");
+    assert_eq!(recorded.certificate.to_string(), "90 of 100 samples; missing samples 90..=99");
 }
 
 #[test]
@@ -122,4 +117,62 @@ fn samples_of_a_run_that_was_not_announced_are_refused() {
     let error = logger.end(3, Some(10), vec![]).expect_err("the samples are another run's");
     assert!(matches!(error, LoggerError::OtherRun { expected: 3, got: 4 }), "{error}");
     assert!(!dir.path().join("a.mcap").exists(), "nothing bears its name that is not whole");
+}
+
+const FULL_DISK: &str = "LOGGER_FULL_DISK";
+
+/// The limit on the size of files stands for a full disk. It belongs to the whole process, so this needs one of its own.
+#[test]
+fn a_full_disk_is_told_at_once_and_the_run_goes_on_unrecorded() {
+    let Ok(instance) = std::env::var(FULL_DISK) else {
+        let mut command = Command::new(std::env::current_exe().expect("this test"));
+        command.args(["--exact", "a_full_disk_is_told_at_once_and_the_run_goes_on_unrecorded"]);
+        command.env(FULL_DISK, format!("logger-full-{}", std::process::id())).stdin(Stdio::null());
+        let output = command.output().expect("this test starts");
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
+        return;
+    };
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    let told = Arc::new(Mutex::new(Vec::new()));
+    let mut publication = Publication::start(&instance, Pace::LOCKSTEP).expect("shared memory is there");
+    let hear = Arc::clone(&told);
+    let on_cut = move |cut: &recordings::CutShort| hear.lock().expect("nobody panics with it").push(cut.to_string());
+    let mut logger = Logger::start_with(&instance, on_cut).expect("it subscribes");
+    publication.wait_for_loggers(1, PATIENCE).expect("it is seen");
+    logger.begin(0, dir.path().join("a.mcap"), metadata(), |_| {}).expect("a new file");
+    limit_file_size(100_000);
+    publish(&mut publication, 0, 0..8_000, None);
+    // Before the run is over: who drives the rig may want to end it.
+    let begin = std::time::Instant::now();
+    while told.lock().expect("nobody panics with it").is_empty() {
+        assert!(begin.elapsed() < PATIENCE, "nobody is told");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    publish(&mut publication, 0, 8_000..9_000, Some(8_999));
+    let recorded = logger.end(0, Some(9_000), vec![]).expect("closed");
+    let cut = recorded.cut_short.expect("it was cut short");
+    let kept = cut.certificate.received;
+    assert!(cut.closed && kept > 500 && kept < 8_000, "{cut}");
+    assert_eq!(recorded.certificate.to_string(), format!("{kept} of 9000 samples; missing samples {kept}..=8999"));
+    assert_eq!(recorded.path, dir.path().join("a.mcap"));
+    let told = told.lock().expect("nobody panics with it").clone();
+    assert_eq!(told, [cut.to_string()], "once");
+    assert!(told[0].contains("a.mcap") && told[0].contains("File too large"), "{told:?}");
+    let items = McapReader::open(&recorded.path).expect("readable").collect::<Result<Vec<_>, _>>().expect("sound");
+    assert_eq!(items.len() as u64, kept + 1, "the samples, and an event that says why they end");
+
+    // Once there is room again, the next run is recorded.
+    limit_file_size(libc::RLIM_INFINITY);
+    logger.begin(1, dir.path().join("b.mcap"), metadata(), |_| {}).expect("a new file");
+    publish(&mut publication, 1, 0..3_000, Some(2_999));
+    assert!(logger.end(1, Some(3_000), vec![]).expect("closed").certificate.is_lossless());
+}
+
+fn limit_file_size(bytes: u64) {
+    let limit = libc::rlimit { rlim_cur: bytes, rlim_max: libc::RLIM_INFINITY };
+    // SAFETY: plain system calls; this process runs one test, which expects what they do.
+    unsafe {
+        libc::signal(libc::SIGXFSZ, libc::SIG_IGN);
+        assert_eq!(libc::setrlimit(libc::RLIMIT_FSIZE, &raw const limit), 0);
+    }
 }

@@ -142,7 +142,9 @@ fn check_name(out: &Path) -> Result<(), Failure> {
         return wrong("a recording of this name exists, and a measurement is never overwritten; choose another name");
     }
     if part.exists() {
-        return wrong("an unfinished recording of this name exists (.part); `bench recover` reads it, or choose another name");
+        return wrong(
+            "an unfinished recording of this name exists (.part); `bench recover` reads it, or choose another name",
+        );
     }
     if !folder.is_dir() {
         return wrong(&format!("{} is no folder; create it", folder.display()));

@@ -27,7 +27,8 @@ pub struct Args {
 pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     let source = &args.file;
     let named_as_closed = source.extension().is_some_and(|extension| extension == "mcap");
-    if named_as_closed && args.out.is_none()
+    if named_as_closed
+        && args.out.is_none()
         && let Some(certificate) = whole(source)
     {
         progress.result(&format!("{}: is sound, {certificate}; nothing to recover", source.display()));
@@ -35,7 +36,8 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     }
     let target = args.out.clone().unwrap_or_else(|| default_target(source));
     let name = target.file_stem().unwrap_or_default().to_string_lossy();
-    let recovered = recover(source, &target, &args.said.metadata(&name)).map_err(|error| Failure::of(Kind::Input, &error))?;
+    let recovered =
+        recover(source, &target, &args.said.metadata(&name)).map_err(|error| Failure::of(Kind::Input, &error))?;
     report(source, &recovered).iter().for_each(|line| progress.result(line));
     if !recovered.run_known {
         progress.say(
@@ -63,7 +65,8 @@ fn default_target(source: &Path) -> PathBuf {
 
 fn report(source: &Path, recovered: &Recovered) -> Vec<String> {
     let Recovered { path, certificate, span_s, events, left_out, damage, ended, .. } = recovered;
-    let span = span_s.map_or(String::new(), |(first_s, last_s)| format!(", from {first_s:.3} s to {last_s:.3} s of the run"));
+    let span =
+        span_s.map_or(String::new(), |(first_s, last_s)| format!(", from {first_s:.3} s to {last_s:.3} s of the run"));
     let mut lines = vec![
         format!("{}: {} samples{span}, {events} events", source.display(), certificate.received),
         match damage.first() {

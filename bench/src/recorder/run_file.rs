@@ -173,7 +173,10 @@ mod tests {
         let mut file = begun(dir.path(), &sample(0, 7_000));
         assert_eq!(file.take(&sample(1, 7_000)), Taken::Recorded);
         assert!(file.continues(&sample(2, 7_000)) && file.continues(&sample(90, 7_000)));
-        assert!(!file.continues(&sample(2, 8_000)), "the same run number and a fitting tick, but it began at another time");
+        assert!(
+            !file.continues(&sample(2, 8_000)),
+            "the same run number and a fitting tick, but it began at another time"
+        );
         assert!(!file.continues(&sample(0, 7_000)) && !file.continues(&Sample { run: 1, ..sample(2, 7_000) }));
     }
 
