@@ -110,17 +110,11 @@ fn clamped() -> Play {
 /// A sweep with the chambers shut off, then oil released, again and again.
 fn volume() -> Play {
     Box::new(|tick, _| {
-        let phase = tick % 5000;
+        let phase = tick % 2500;
         let fixture = match phase {
-            0..500 => return FILLED,
-            500..3000 => {
-                let swing = (phase as f64 * 2e-3).sin();
-                Fixture::Driven { angle_deg: 12.0 + 2.0 * swing }
-            }
-            _ => {
-                let flow_ml_s = if (phase / 300) % 2 == 0 { 3.3 } else { 0.0 };
-                Fixture::Released { angle_deg: 12.0, flow_ml_s }
-            }
+            0..100 => return FILLED,
+            100..1500 => Fixture::Driven { angle_deg: 12.0 + 2.0 * (phase as f64 * 2e-3).sin() },
+            _ => Fixture::Released { angle_deg: 12.0, flow_ml_s: if (phase / 300) % 2 == 0 { 3.3 } else { 0.0 } },
         };
         Command { fixture, segment: (phase / 500) as u32, ..SHUT }
     })

@@ -31,7 +31,7 @@ use cylinder::Cylinder;
 use lever::LedLever;
 use model::Parameters;
 use model::effects::EffectSet;
-use model::integrate::{Integrator, MOST_STATES, states_with};
+use model::integrate::{Integrator, MOST_STATES, Trail, states_with};
 use model::rec::{self, Circuit, Input, Lever, state};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -40,6 +40,8 @@ use sensors::Sensors;
 
 const NAME: &str = "emulated rig";
 const PERIOD_S: f64 = PERIOD_NS as f64 * 1e-9;
+/// Longest inner step of the integration, time constants of what is fastest.
+const TIME_CONSTANTS: f64 = 0.4;
 
 /// Streams of the seed: one a source of chance, so that none shifts another.
 mod stream {
@@ -77,6 +79,7 @@ pub struct EmulatedRig {
     cylinder: Cylinder,
     sensors: Sensors,
     integrator: Integrator,
+    trail: Trail,
     /// What the integrator's step was chosen for.
     integrated: Option<(bool, bool, bool, std::mem::Discriminant<Circuit>)>,
     failed: Option<DeviceError>,
@@ -94,8 +97,9 @@ impl EmulatedRig {
             return Err(EmulatedError::States { states, most: MOST_STATES });
         }
         let seed = settings.seed;
+        let k = parameters.to_vector();
         let mut rig = EmulatedRig {
-            parameters: parameters.to_vector(),
+            parameters: k,
             u_max_v: parameters.pump.u_max,
             effects,
             x: vec![0.0; states],
@@ -106,6 +110,7 @@ impl EmulatedRig {
             cylinder: Cylinder::new(rng(seed, stream::VOLUME), rng(seed, stream::HAND), &settings),
             sensors: Sensors::new(seed, &settings.noise),
             integrator: Integrator::new(settings.step_s),
+            trail: Trail::new(&k),
             integrated: None,
             failed: None,
             settings,
@@ -231,12 +236,13 @@ impl EmulatedRig {
         if self.integrated != Some(kind) {
             // A held lever leaves nothing that is fast but the effects, which the integrator looks at itself.
             let longest_s = if free { self.settings.step_s } else { PERIOD_S };
-            self.integrator = Integrator::for_plant(longest_s, &self.parameters, &self.effects, &input, &self.x);
+            let (k, effects) = (&self.parameters, &self.effects);
+            self.integrator = Integrator::within_time_constant(longest_s, TIME_CONSTANTS, k, effects, &input, &self.x);
             self.integrated = Some(kind);
         }
         let t = tick as f64 * PERIOD_S;
         self.integrator
-            .advance(&input, &self.parameters, &self.effects, t, PERIOD_S, &mut self.x)
+            .advance_along(&mut self.trail, &input, &self.parameters, &self.effects, t, PERIOD_S, &mut self.x)
             .map_err(|error| DeviceError { device: NAME, tick, what: error.to_string() })?;
         match input.lever {
             Lever::Free => self.led.moves_at(self.x[state::VELOCITY]),

@@ -1,9 +1,12 @@
 //! Plant equations of the REC actuator, generic over the scalar type; parameters; the library of effects; integration.
 pub mod effects;
 pub mod integrate;
+mod near;
 pub mod parameters;
 pub mod port;
 pub mod rec;
 pub mod scalar;
+mod sensitivity;
+mod step;
 
 pub use parameters::{ModelFile, Parameters};

@@ -70,7 +70,7 @@ pub struct HydraulicPort<S> {
     /// Displacement dV/dphi; effects add, ml/rad.
     pub displacement_ml_rad: [S; 2],
     /// Slope over the angle of the oil stored by pressure, taken from 2.5 bar: d/dphi of the integral of the capacity over
-    /// pressure, ml/rad.
+    /// pressure, ml/rad. 0 where no effect asks for it ([`crate::effects::Law::CLOSES_VOLUME`]).
     pub stored_slope_ml_rad: [S; 2],
     /// Torque of the chambers on the lever by the base model, Nm.
     pub actuator_torque_nm: S,

@@ -5,6 +5,8 @@
 //! into chamber 1.
 
 use crate::effects::EffectSet;
+use crate::near::{Curves, Exact};
+use crate::parameters::COUNT;
 use crate::parameters::index::*;
 use crate::port::{
     AMBIENT_BAR, ActuatorPort, HydraulicPort, LinePort, MechanicalPort, Port, PortKind, Rest, SensorPort,
@@ -78,6 +80,13 @@ pub struct Input {
     pub circuit: Circuit,
 }
 
+impl Input {
+    /// The chambers are shut off one by one at their ports.
+    fn shut_off(&self) -> bool {
+        matches!(self.circuit, Circuit::ShutOff { .. } | Circuit::Measured { .. })
+    }
+}
+
 /// What a derivative says besides the derivative.
 pub struct Derived<S> {
     /// Torque on the lever from everything but its own motion losses, Nm: what a clamp holds.
@@ -149,7 +158,7 @@ pub fn stored_slope<S: Scalar>(k: &[S], angle_rad: S, pressure_bar: [S; 2]) -> [
     [-(rate * scale / bend) * stored(pressure_bar[0]), rate * scale * bend * stored(pressure_bar[1])]
 }
 
-const DEGREES: f64 = 180.0 / std::f64::consts::PI;
+pub(crate) const DEGREES: f64 = 180.0 / std::f64::consts::PI;
 
 /// The plant's derivative at time `t` (s since the run's start).
 ///
@@ -162,7 +171,65 @@ pub fn derivative<S: Scalar>(
     x: &[S],
     dx: &mut [S],
 ) -> Derived<S> {
+    derivative_by::<S, true>(&mut Exact, input, k, effects, t, x, dx)
+}
+
+/// What the pump follows, after the effects on it.
+#[inline(always)]
+fn actuated<S: Scalar, const EFFECTS: bool>(
+    input: &Input,
+    effects: &EffectSet<S>,
+    t: f64,
+    x: &[S],
+    dx: &mut [S],
+) -> ActuatorPort<S> {
+    let mut actuator = ActuatorPort {
+        time_s: t,
+        voltage_v: S::constant(input.voltage_v),
+        brake_opening: S::constant(f64::from(u8::from(input.brake_open))),
+    };
+    if EFFECTS && effects.touches(PortKind::Actuator) {
+        effects.act(x, dx, Port::Actuator(&mut actuator));
+    }
+    actuator
+}
+
+/// The branches of the pump: whether it delivers, and whether for a positive voltage.
+#[inline(always)]
+fn pump_branches(delivers: bool, voltage_v: f64) -> u32 {
+    u32::from(delivers) << 1 | u32::from(voltage_v > 0.0) << 2
+}
+
+/// [`Derived::branches`] without the derivative; `dx` is scratch.
+#[inline(always)]
+pub(crate) fn branches(input: &Input, k: &[f64], effects: &EffectSet<f64>, t: f64, x: &[f64], dx: &mut [f64]) -> u32 {
+    let dp = x[state::PRESSURE1] - x[state::PRESSURE2];
+    let mut branches = u32::from(dp > 0.0);
+    if !input.shut_off() {
+        let voltage_v = actuated::<f64, true>(input, effects, t, x, dx).voltage_v;
+        branches |= pump_branches(pump_flow(k, voltage_v, dp).1, voltage_v);
+    }
+    if input.lever == Lever::Free {
+        branches |= losses(k, x[state::VELOCITY]).1 << 3;
+    }
+    branches
+}
+
+/// [`derivative`] with the functions that are not rational from `curves`; `EFFECTS` = false where none is known to act on the
+/// plant, so that no port has to lie in memory.
+#[inline(always)]
+pub(crate) fn derivative_by<S: Scalar, const EFFECTS: bool>(
+    curves: &mut impl Curves<S>,
+    input: &Input,
+    k: &[S],
+    effects: &EffectSet<S>,
+    t: f64,
+    x: &[S],
+    dx: &mut [S],
+) -> Derived<S> {
     use state::*;
+    let touches = |port| EFFECTS && effects.touches(port);
+    assert!(k.len() >= COUNT && x.len() >= STATES && dx.len() >= STATES, "a vector too short for the plant");
     for d in &mut dx[STATES..] {
         *d = S::zero();
     }
@@ -173,32 +240,25 @@ pub fn derivative<S: Scalar>(
         Lever::Free => x[VELOCITY],
         Lever::Led { velocity_rad_s } => S::constant(velocity_rad_s),
     };
-    let shut_off = matches!(input.circuit, Circuit::ShutOff { .. } | Circuit::Measured { .. });
+    let shut_off = input.shut_off();
     let mut branches = u32::from(dp.value() > 0.0);
 
     // flow through pump and valves, from chamber 2 to chamber 1
     let flow = if shut_off {
         S::zero()
     } else {
-        let mut actuator = ActuatorPort {
-            time_s: t,
-            voltage_v: S::constant(input.voltage_v),
-            brake_opening: S::constant(f64::from(u8::from(input.brake_open))),
-        };
-        if effects.touches(PortKind::Actuator) {
-            effects.act(x, dx, Port::Actuator(&mut actuator));
-        }
-        let (delivered, delivering) = pump_flow(k, actuator.voltage_v, dp);
-        branches |= u32::from(delivering) << 1 | u32::from(actuator.voltage_v.value() > 0.0) << 2;
+        let actuator = actuated::<S, EFFECTS>(input, effects, t, x, dx);
+        let (delivered, delivers) = pump_flow(k, actuator.voltage_v, dp);
+        branches |= pump_branches(delivers, actuator.voltage_v.value());
         let mut flow = delivered * actuator.brake_opening;
         let bypass = input.bypass_open && input.circuit == Circuit::Pump;
         if bypass {
             flow -= k[K_B] * dp;
         }
-        if effects.touches(PortKind::Line) {
+        if touches(PortKind::Line) {
             // slope of the flow over the pressure difference
             let mut slip =
-                if delivering { k[F3] + k[F2] * actuator.voltage_v.abs() } else { k[F3] } * actuator.brake_opening;
+                if delivers { k[F3] + k[F2] * actuator.voltage_v.abs() } else { k[F3] } * actuator.brake_opening;
             if bypass {
                 slip -= k[K_B];
             }
@@ -221,42 +281,42 @@ pub fn derivative<S: Scalar>(
     let actuator_torque_nm = torque(k, angle, dp);
 
     // chambers, eqs. (7), (8)
-    let mut hydraulic = HydraulicPort {
-        time_s: t,
-        pressure_bar: pressure,
-        angle_rad: angle,
-        velocity_rad_s: velocity,
-        flow_ml_s: [flow, -flow],
-        capacity_ml_bar: if input.circuit == Circuit::Bench {
-            [S::constant(1.0); 2]
-        } else {
-            capacity(k, angle, pressure)
-        },
-        displacement_ml_rad: displacement(k, angle),
-        stored_slope_ml_rad: [S::zero(); 2],
-        actuator_torque_nm,
-        shut_off,
-    };
-    if effects.touches(PortKind::Hydraulic) && input.circuit != Circuit::Bench {
-        hydraulic.stored_slope_ml_rad = stored_slope(k, angle, pressure);
+    let mut flow_ml_s = [flow, -flow];
+    let mut displacement_ml_rad = displacement(k, angle);
+    // on the bench, where nothing is connected, the pressures stay
+    let on_bench = input.circuit == Circuit::Bench;
+    let mut capacity_ml_bar = if on_bench { [S::constant(1.0); 2] } else { curves.capacity(k, angle, pressure) };
+    if touches(PortKind::Hydraulic) && !on_bench {
+        let mut hydraulic = HydraulicPort {
+            time_s: t,
+            pressure_bar: pressure,
+            angle_rad: angle,
+            velocity_rad_s: velocity,
+            flow_ml_s,
+            capacity_ml_bar,
+            displacement_ml_rad,
+            stored_slope_ml_rad: if effects.closes_volume { stored_slope(k, angle, pressure) } else { [S::zero(); 2] },
+            actuator_torque_nm,
+            shut_off,
+        };
         effects.act(x, dx, Port::Hydraulic(&mut hydraulic));
+        HydraulicPort { flow_ml_s, capacity_ml_bar, displacement_ml_rad, .. } = hydraulic;
     }
-    let h = &hydraulic;
     match input.circuit {
         Circuit::Pump | Circuit::ShutOff { .. } => {
-            let mut flow1 = h.flow_ml_s[0];
+            let mut flow1 = flow_ml_s[0];
             dx[VOLUME] = S::zero();
             if let Circuit::ShutOff { release_ml_s } = input.circuit {
                 flow1 = flow1 - release_ml_s;
                 dx[VOLUME] = S::constant(release_ml_s);
             }
-            dx[PRESSURE1] = (flow1 - h.displacement_ml_rad[0] * velocity) / h.capacity_ml_bar[0];
-            dx[PRESSURE2] = (h.flow_ml_s[1] - h.displacement_ml_rad[1] * velocity) / h.capacity_ml_bar[1];
+            dx[PRESSURE1] = (flow1 - displacement_ml_rad[0] * velocity) / capacity_ml_bar[0];
+            dx[PRESSURE2] = (flow_ml_s[1] - displacement_ml_rad[1] * velocity) / capacity_ml_bar[1];
         }
         Circuit::Measured { rate1_bar_s, rate2_bar_s } => {
             dx[PRESSURE1] = S::constant(rate1_bar_s);
             dx[PRESSURE2] = S::constant(rate2_bar_s);
-            dx[VOLUME] = h.flow_ml_s[0] - h.capacity_ml_bar[0] * rate1_bar_s - h.displacement_ml_rad[0] * velocity;
+            dx[VOLUME] = flow_ml_s[0] - capacity_ml_bar[0] * rate1_bar_s - displacement_ml_rad[0] * velocity;
         }
         Circuit::Bench => {
             dx[PRESSURE1] = S::zero();
@@ -266,22 +326,23 @@ pub fn derivative<S: Scalar>(
     }
 
     // motion, eq. (3)
-    let mut mechanical = MechanicalPort {
-        time_s: t,
-        angle_rad: angle,
-        velocity_rad_s: velocity,
-        dp_bar: dp,
-        load_bar: pressure[0] + pressure[1] - 2.0 * AMBIENT_BAR,
-        vertical: input.vertical,
-        torque_nm: actuator_torque_nm,
-    };
+    let mut torque_nm = actuator_torque_nm;
     if input.vertical {
-        mechanical.torque_nm -= k[G] * angle.sin();
+        torque_nm -= k[G] * curves.sine(angle);
     }
-    if effects.touches(PortKind::Mechanical) && input.circuit != Circuit::Bench {
+    if touches(PortKind::Mechanical) && !on_bench {
+        let mut mechanical = MechanicalPort {
+            time_s: t,
+            angle_rad: angle,
+            velocity_rad_s: velocity,
+            dp_bar: dp,
+            load_bar: pressure[0] + pressure[1] - 2.0 * AMBIENT_BAR,
+            vertical: input.vertical,
+            torque_nm,
+        };
         effects.act(x, dx, Port::Mechanical(&mut mechanical));
+        torque_nm = mechanical.torque_nm;
     }
-    let torque_nm = mechanical.torque_nm;
     match input.lever {
         Lever::Free => {
             let (loss, branch) = losses(k, velocity);
@@ -295,7 +356,7 @@ pub fn derivative<S: Scalar>(
         }
     }
     // effects that only watch the plant (slow sensors) have their states at the sensor port
-    if effects.sensor_states {
+    if EFFECTS && effects.sensor_states {
         let mut shown = sensor_port(t, x);
         effects.act(x, dx, Port::Sensor(&mut shown));
     }

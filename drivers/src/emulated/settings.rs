@@ -40,7 +40,7 @@ impl Default for Settings {
             oil_ml: 100.0,
             oil_at_bar: 2.75,
             lever_speed_deg_s: 30.0,
-            step_s: 2.5e-4,
+            step_s: 5e-4,
         }
     }
 }

@@ -38,6 +38,7 @@ impl Law for DisplacementPressure {
         ],
         passive: false,
     };
+    const CLOSES_VOLUME: bool = true;
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Hydraulic(h) = port {

@@ -137,6 +137,8 @@ pub struct Header {
 pub trait Law: Sync + 'static {
     /// What is known of it.
     const HEADER: Header;
+    /// Asks for [`crate::port::HydraulicPort::stored_slope_ml_rad`], which is 0 where no effect does: it is dear.
+    const CLOSES_VOLUME: bool = false;
     /// Acts on a port: `k` parameters in the header's order, `x` own states, `dx` their derivatives (zero on entry).
     fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>);
     /// Own states at rest.
@@ -149,6 +151,8 @@ pub trait Law: Sync + 'static {
 pub trait Effect: Sync {
     /// What is known of it.
     fn header(&self) -> &'static Header;
+    /// [`Law::CLOSES_VOLUME`].
+    fn closes_volume(&self) -> bool;
     /// [`Law::act`] for values.
     fn act_value(&self, k: &[f64], x: &[f64], dx: &mut [f64], port: &mut Port<'_, f64>);
     /// [`Law::act`] with derivatives.
@@ -162,6 +166,9 @@ pub trait Effect: Sync {
 impl<L: Law> Effect for L {
     fn header(&self) -> &'static Header {
         const { &L::HEADER }
+    }
+    fn closes_volume(&self) -> bool {
+        L::CLOSES_VOLUME
     }
     fn act_value(&self, k: &[f64], x: &[f64], dx: &mut [f64], port: &mut Port<'_, f64>) {
         self.act(k, x, dx, port);
@@ -186,10 +193,11 @@ impl std::fmt::Debug for dyn Effect {
 /// An effect with its parameters and the place of its states.
 struct Active<S> {
     effect: &'static dyn Effect,
-    header: &'static Header,
     k: Vec<S>,
-    /// Position of its first state in the plant's state vector.
-    first: usize,
+    /// Its states in the plant's state vector.
+    own: std::ops::Range<usize>,
+    /// Bits of the ports that it acts on.
+    ports: u8,
 }
 
 /// The effects that a plant carries.
@@ -200,12 +208,14 @@ pub struct EffectSet<S> {
     ports: u8,
     /// An effect at the sensor port has states of its own.
     pub(crate) sensor_states: bool,
+    /// An effect asks for the slope of the stored oil.
+    pub(crate) closes_volume: bool,
 }
 
 impl<S: Scalar> EffectSet<S> {
     /// No effect: the reference model.
     pub fn none() -> Self {
-        EffectSet { items: Vec::new(), states: 0, ports: 0, sensor_states: false }
+        EffectSet { items: Vec::new(), states: 0, ports: 0, sensor_states: false, closes_volume: false }
     }
 
     /// These effects, each with parameters in its header's order. `plant_states`: number of the plant's own states.
@@ -214,14 +224,20 @@ impl<S: Scalar> EffectSet<S> {
         for (effect, k) in effects {
             let header = effect.header();
             assert_eq!(k.len(), header.parameters.len(), "{} takes {} parameters", header.id, header.parameters.len());
-            set.items.push(Active { effect, header, k, first: plant_states + set.states });
+            let first = plant_states + set.states;
+            let ports = header.ports.iter().fold(0, |bits, port| bits | 1 << *port as u8);
+            set.items.push(Active { effect, k, own: first..first + header.states, ports });
             set.states += header.states;
-            for port in header.ports {
-                set.ports |= 1 << *port as u8;
-            }
+            set.ports |= ports;
+            set.closes_volume |= effect.closes_volume();
             set.sensor_states |= header.states > 0 && header.ports.contains(&PortKind::Sensor);
         }
         set
+    }
+
+    /// The plant moves as the reference model does: there is no effect, or none but on what the sensors show.
+    pub fn leave_the_plant_alone(&self) -> bool {
+        self.ports & !(1 << PortKind::Sensor as u8) == 0 && !self.sensor_states
     }
 
     /// Some effect acts on this port.
@@ -232,12 +248,10 @@ impl<S: Scalar> EffectSet<S> {
 
     /// Lets every effect of this port act, in the order of the set.
     pub fn act(&self, x: &[S], dx: &mut [S], mut port: Port<'_, S>) {
-        let kind = port.kind();
+        let bit = 1 << port.kind() as u8;
         for a in &self.items {
-            let header = a.header;
-            if header.ports.contains(&kind) {
-                let own = a.first..a.first + header.states;
-                S::act(a.effect, &a.k, &x[own.clone()], &mut dx[own], &mut port);
+            if a.ports & bit != 0 {
+                S::act(a.effect, &a.k, &x[a.own.clone()], &mut dx[a.own.clone()], &mut port);
             }
         }
     }
@@ -246,7 +260,7 @@ impl<S: Scalar> EffectSet<S> {
     pub fn rest(&self, rest: &Rest<S>, x: &mut [S]) {
         let mut first = 0;
         for a in &self.items {
-            let states = a.header.states;
+            let states = a.own.len();
             S::rest(a.effect, &a.k, rest, &mut x[first..first + states]);
             first += states;
         }

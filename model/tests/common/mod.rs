@@ -5,7 +5,7 @@ use model::effects::EffectSet;
 use model::integrate::Integrator;
 use model::rec::{Circuit, Input, Lever, STATES};
 
-/// Inner step of the emulated rig, s.
+/// Half of the emulated rig's longest inner step, s.
 pub const RIG_STEP_S: f64 = 0.25e-3;
 /// Degrees in a radian.
 pub const DEGREES: f64 = 180.0 / std::f64::consts::PI;
