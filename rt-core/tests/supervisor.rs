@@ -123,7 +123,7 @@ fn limits_that_can_t_be_enforced_are_refused() {
         (Limits { torque_max_nm: -1.0, ..good }, "torque_max_nm"),
         (Limits { velocity_window_ticks: 0, ..good }, "velocity_window_ticks"),
         (Limits { velocity_window_ticks: 65, ..good }, "velocity_window_ticks"),
-        (Limits { age_max_ms: 0.0, ..good }, "age_max_ms"),
+        (Limits { age_max_ms: 0.9, ..good }, "age_max_ms"),
         (Limits { heartbeat_max_ms: f64::NAN, ..good }, "heartbeat_max_ms"),
         (Limits { voltage_max_v: f64::INFINITY, ..good }, "voltage_max_v"),
         (Limits { slew_max_v_s: 0.0, ..good }, "slew_max_v_s"),

@@ -1,7 +1,9 @@
 //! What the supervisor enforces. Limits are data: a rig brings its own.
 
 use crate::supervisor::VELOCITY_WINDOW_MAX;
-use crate::types::SafeState;
+use crate::types::{PERIOD_NS, SafeState};
+
+const PERIOD_MS: f64 = PERIOD_NS as f64 * 1e-6;
 
 /// What the supervisor enforces. Limits are data: a rig brings its own.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -83,7 +85,8 @@ impl Limits {
         positive("angle_max_deg", self.angle_max_deg)?;
         positive("velocity_max_deg_s", self.velocity_max_deg_s)?;
         positive("torque_max_nm", self.torque_max_nm)?;
-        positive("age_max_ms", self.age_max_ms)?;
+        let age_ms = self.age_max_ms;
+        check("age_max_ms", age_ms, age_ms.is_finite() && age_ms >= PERIOD_MS, "finite and at least 1, a period")?;
         positive("heartbeat_max_ms", self.heartbeat_max_ms)?;
         positive("voltage_max_v", self.voltage_max_v)?;
         check("slew_max_v_s", self.slew_max_v_s, self.slew_max_v_s > 0.0, "above 0, infinite for none")?;
