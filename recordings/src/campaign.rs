@@ -70,7 +70,7 @@ impl Campaign {
             let file = dir.join(&run.file);
             if !file.is_file() {
                 let remedy = if part_path(&file).exists() {
-                    "this run was never closed (its .part is there): record it again"
+                    "this run was never closed (its .part is there): record it again, or see what `bench recover` saves"
                 } else {
                     "put the recording there or take the run out of the campaign"
                 };

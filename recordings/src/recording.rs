@@ -173,7 +173,7 @@ impl FileKind {
         let name = path.file_name().map(|name| name.to_string_lossy()).unwrap_or_default();
         Self::of_name(&name).ok_or_else(|| {
             let remedy = if name.ends_with(crate::part_file::PART) {
-                "this recording was never closed: record the run again"
+                "this recording was never closed: record the run again, or see what `bench recover` saves"
             } else {
                 "name the file by what it is"
             };
