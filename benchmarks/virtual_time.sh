@@ -1,0 +1,14 @@
+#!/usr/bin/env bash
+# A minute of the loop at 1 kHz, with publication and logger, on a machine of one processor in virtual time: not one deadline may be
+# missed. Shows logic and instruction budget, not the latency of a real machine. Then the recording is replayed there.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+guest=drivers/tests/can-guest
+[ -f target/can-guest/initrd.gz ] || "$guest" prepare
+cargo build --release --bin bench
+# The progress bar is for people.
+"$guest" run sh -c '
+  target/release/bench run benchmarks/sixty_seconds.toml --realtime --require-rt --out /tmp/sixty.mcap 2>/tmp/said
+  code=$?
+  if [ $code -ne 0 ]; then tail -5 /tmp/said; exit $code; fi
+  target/release/bench replay /tmp/sixty.mcap'
