@@ -65,7 +65,7 @@ fn error(commands: &[Command], effect: Option<(&'static dyn Effect, &[f64])>, ve
 #[test]
 fn the_reference_plant_is_within_a_millionth() {
     for vertical in [false, true] {
-        for (name, commands) in [("square", square(60_000)), ("random", random(60_000))] {
+        for (name, commands) in [("square", square(30_000)), ("random", random(30_000))] {
             let error = error(&commands, None, vertical);
             println!("{name}, vertical {vertical}: {error:.1e}");
             assert!(error < 1e-6, "{name}, vertical {vertical}: {error:.1e}");
@@ -77,7 +77,7 @@ fn the_reference_plant_is_within_a_millionth() {
 /// split, and backlash closes its gap within 2 ms.
 #[test]
 fn a_plant_with_an_effect_is_within_a_tenth_of_the_noise() {
-    let commands = random(10_000);
+    let commands = random(6_000);
     for effect in LIBRARY {
         let header = effect.header();
         let typical: Vec<f64> = header.parameters.iter().map(|p| p.typical).collect();
