@@ -2,6 +2,7 @@
 
 use crate::failure::{Failure, Kind};
 use crate::progress::Progress;
+use crate::recorder::OnFull;
 use crate::runner::{Mode, Plan, Runner, certify, judge};
 use crate::setup::Knowledge;
 use profiles::Script;
@@ -52,7 +53,7 @@ impl Session {
         make_folder(&dir)?;
         // Two campaigns on one machine must not hear each other.
         let instance = format!("campaign-{}", std::process::id());
-        let runner = Runner::open(&instance, limits, Mode::Lockstep, progress)?;
+        let runner = Runner::open(&instance, limits, Mode::Lockstep, OnFull::GoOn, progress)?;
         let campaign = Campaign { dir, name, rig, runs: Vec::new() };
         Ok(Session { campaign, seed, notes, runner })
     }

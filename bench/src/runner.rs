@@ -5,6 +5,7 @@ use crate::failure::{Failure, Kind};
 use crate::incident::Incidents;
 use crate::logger::{Logger, LoggerError};
 use crate::progress::Progress;
+use crate::recorder::{OnFull, ask_to_stop};
 use crate::setup::{Knowledge, Setup};
 use profiles::Script;
 use recordings::{CampaignError, Event, RunMetadata, Severity};
@@ -87,7 +88,13 @@ impl Runner {
     ///
     /// # Errors
     /// Limits that can't be enforced, real time that is required and refused (2), an instance in use, no shared memory (4).
-    pub fn open(instance: &str, limits: Limits, mode: Mode, progress: &Progress) -> Result<Self, Failure> {
+    pub fn open(
+        instance: &str,
+        limits: Limits,
+        mode: Mode,
+        on_full: OnFull,
+        progress: &Progress,
+    ) -> Result<Self, Failure> {
         let supervisor = Supervisor::new(limits).map_err(|e| Failure::of(Kind::Input, &e))?;
         let system = match &mode {
             Mode::Lockstep => None,
@@ -106,7 +113,18 @@ impl Runner {
             }
         };
         let publication = publication.map_err(link)?;
-        let logger = Logger::start(instance).map_err(|e| failure_of(&e))?;
+        let (said, instance_to_stop) = (progress.clone(), instance.to_owned());
+        let logger = Logger::start_with(instance, move |cut| {
+            let follows = match on_full {
+                OnFull::GoOn => "the run goes on unrecorded".to_owned(),
+                OnFull::Stop => match ask_to_stop(&instance_to_stop) {
+                    Ok(()) => "the run is stopped".to_owned(),
+                    Err(error) => format!("the run could not be stopped: {error}"),
+                },
+            };
+            said.say(&format!("{cut}; {follows}"));
+        });
+        let logger = logger.map_err(|e| failure_of(&e))?;
         publication.wait_for_loggers(1, PATIENCE).map_err(link)?;
         let (flight, flown) = rt_core::flight::recorder();
         let runner = Runner { mode, supervisor, logger, publication, flight, flown, system, next_run: 0 };

@@ -2,6 +2,7 @@
 
 use recordings::{Item, McapReader, McapWriter};
 use rt_core::{Sample, flags};
+use std::io::Read;
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 
@@ -175,12 +176,43 @@ fn a_killed_service_leaves_a_readable_part_and_nothing_that_blocks_the_next_star
     // What is there can be read up to the cut, and the cut is told.
     let items: Vec<_> = McapReader::open(&part).expect("a recording").collect();
     let sound = items.iter().filter(|item| matches!(item, Ok(Item::Sample(_)))).count();
-    assert!(sound > 500, "{sound} samples");
+    assert!(sound >= 500, "{sound} samples");
     assert!(items.last().is_some_and(Result::is_err), "an unfinished recording says so");
 
     let short = profile(dir.path(), 1, "");
     let again = output(&["run", &short, "--realtime", "--out", &file("again.mcap"), "--instance", &instance]);
     assert!(again.status.success(), "{}", stderr(&again));
+}
+
+#[test]
+fn a_full_disk_is_told_and_leaves_a_readable_recording() {
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    for (on_full, code) in [("go-on", 6), ("stop", 130)] {
+        let file = dir.path().join(format!("{on_full}.mcap"));
+        let profile = profile(dir.path(), 6, "");
+        let instance = instance(on_full);
+        let args = ["run", &profile, "--realtime", "--out", &file.display().to_string(), "--instance", &instance];
+        let mut command = bench(&[&args[..], &["--on-full", on_full]].concat());
+        let mut run =
+            Running(command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("the program starts"));
+        while !file.with_extension("mcap.part").exists() {
+            assert!(run.0.try_wait().expect("a child").is_none(), "the run ended by itself");
+        }
+        // A limit of file sizes stands for the disk. Not before: shared memory is files too.
+        let pid = rustix::process::Pid::from_child(&run.0);
+        let full = rustix::process::Rlimit { current: Some(100_000), maximum: Some(100_000) };
+        rustix::process::prlimit(Some(pid), rustix::process::Resource::Fsize, full).expect("it is ours");
+        let mut said = String::new();
+        run.0.stderr.take().expect("piped").read_to_string(&mut said).expect("text");
+        let follows = if on_full == "stop" { "the run is stopped" } else { "the run goes on unrecorded" };
+        assert!(said.contains(follows), "{said}");
+        assert_eq!(run.0.wait().expect("a child").code(), Some(code), "{on_full}: {said}");
+        // What was written before is there, closed, and certified as a part of the run.
+        let mut reader = McapReader::open(&file).expect("a recording");
+        let sound = reader.by_ref().filter(|item| matches!(item, Ok(Item::Sample(_)))).count();
+        assert!(sound > 100, "{sound} samples");
+        assert!(reader.certificate().is_some_and(|certificate| !certificate.is_lossless()), "closed, and not whole");
+    }
 }
 
 #[test]

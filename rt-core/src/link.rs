@@ -61,7 +61,9 @@ pub enum LinkError {
         instance: String,
     },
     /// Nobody publishes under this name.
-    #[error("instance {instance:?}: no running service of this name listens; check the name, `bench run --instance NAME` sets it")]
+    #[error(
+        "instance {instance:?}: no running service of this name listens; check the name, `bench run --instance NAME` sets it"
+    )]
     Nobody {
         /// Name of the instance.
         instance: String,

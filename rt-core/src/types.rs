@@ -268,7 +268,7 @@ pub struct Sample {
     pub control_ns: u32,
     /// Duration of the stage "write outputs", ns.
     pub write_ns: u32,
-    /// Duration of hand-over and accounting at the tick before this one, ns.
+    /// Duration of the hand-over at the tick before this one, ns.
     pub publish_ns: u32,
     /// Segment of the protocol.
     pub segment: u32,

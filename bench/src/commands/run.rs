@@ -5,6 +5,7 @@ use crate::failure::{Failure, Kind};
 use crate::interrupt;
 use crate::keyboard::{self, Keyboard};
 use crate::progress::Progress;
+use crate::recorder::OnFull;
 use crate::rig_file::Rig;
 use crate::runner::{Mode, Plan, Runner, certify, judge};
 use crate::timing::Timing;
@@ -44,6 +45,9 @@ pub struct Args {
     /// Name under which the samples are published
     #[arg(long, default_value = INSTANCE)]
     instance: String,
+    /// When the disk runs full
+    #[arg(long, value_enum, default_value = "go-on")]
+    on_full: OnFull,
     /// Seed of the profile's random steps and of the emulated sensors
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -68,7 +72,7 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     let mut device = rig_for(&rig.plant, &script, args.seed, 0)?;
     let notes = [("device".to_owned(), rig.name.clone()), ("instance".to_owned(), args.instance.clone())].into();
     let (switches, _driving) = interrupt::driving()?;
-    let mut runner = Runner::open(&args.instance, rig.limits, mode, progress)?;
+    let mut runner = Runner::open(&args.instance, rig.limits, mode, args.on_full, progress)?;
     let plan = Plan {
         script: &script,
         seed: args.seed,
