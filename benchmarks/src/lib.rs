@@ -167,3 +167,29 @@ impl Bench {
         self.run(number, &mut rig, &mut playback, &mut controller, publish)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_target_is_reached_or_missed_and_says_so() {
+        let (most, least) = (Target::AtMost(1.25), Target::AtLeast(500.0));
+        assert!(most.reached_by(1.25) && !most.reached_by(1.26) && !most.reached_by(f64::NAN));
+        assert!(least.reached_by(500.0) && !least.reached_by(499.0) && !least.reached_by(f64::NAN));
+        assert_eq!(most.judge(2.5), "ratio 2.00 to at most 1.25: MISSED");
+        assert_eq!(least.judge(750.0), "ratio 1.50 to at least 500: reached");
+    }
+
+    #[test]
+    fn a_profile_is_driven_to_its_end_by_the_controller_that_it_needs() {
+        for name in ["square_h", "angle_sine"] {
+            let mut bench = Bench::new(name, str::to_owned).expect("it comes with the bench");
+            let mut samples = Vec::new();
+            let ticks = bench.run_new(3, &mut samples).expect("it ends");
+            assert_eq!(samples.len() as u64, ticks, "{name}");
+            assert!(samples.iter().any(|s| s.voltage_v != 0.0 && s.run == 3), "{name}");
+        }
+        assert!(Bench::new("levitate", str::to_owned).is_err());
+    }
+}

@@ -205,7 +205,9 @@ mod tests {
     fn the_figures_of_1_to_1000_us() {
         let distribution = of_us(1..=1000);
         let Figures { p50, p99, p999, max } = distribution.figures();
-        [(p50, 500.0), (p99, 990.0), (p999, 999.0), (max, 1000.0)].map(|(value, expected)| near(value, expected));
+        for (value, expected) in [(p50, 500.0), (p99, 990.0), (p999, 999.0), (max, 1000.0)] {
+            near(value, expected);
+        }
         assert_eq!((distribution.count(), distribution.late()), (1000, 0));
         assert_eq!(Distribution::default().figures(), Figures::default());
     }
