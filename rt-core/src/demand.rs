@@ -11,7 +11,7 @@ use iceoryx2::port::listener::{Listener, ListenerWaitError};
 use iceoryx2::prelude::*;
 use iceoryx2::service::port_factory::event::PortFactory;
 
-use crate::link::{Ipc, LinkError, quieten, validate_instance};
+use crate::link::{Ipc, LinkError, patiently, quieten, validate_instance};
 use crate::traits::{Demand, Switches};
 
 const STOP: usize = 1;
@@ -44,14 +44,15 @@ impl DemandListener {
     /// Listens for demands to `instance`.
     pub fn open(instance: &str) -> Result<Self, LinkError> {
         let (node, name) = node(instance)?;
-        let service = node
-            .service_builder(&name)
-            .event()
-            .max_notifiers(MAX_SENDERS)
-            .max_listeners(2)
-            .event_id_max_value(EMERGENCY_STOP)
-            .open_or_create()
-            .map_err(|e| failed(instance, "open the demand service", &e))?;
+        let service = patiently(|| {
+            node.service_builder(&name)
+                .event()
+                .max_notifiers(MAX_SENDERS)
+                .max_listeners(2)
+                .event_id_max_value(EMERGENCY_STOP)
+                .open_or_create()
+        })
+        .map_err(|e| failed(instance, "open the demand service", &e))?;
         let listener = service.listener_builder().create();
         let listener = listener.map_err(|e| failed(instance, "create the demand listener", &e))?;
         Ok(DemandListener { listener, _service: service, _node: node, instance: instance.to_owned() })

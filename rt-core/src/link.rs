@@ -10,6 +10,7 @@
 //! Whoever comes first creates a service and fixes its sizes.
 
 use std::sync::Once;
+use std::time::Duration;
 
 use iceoryx2::node::NodeCreationFailure;
 use iceoryx2::port::publisher::Publisher;
@@ -28,6 +29,9 @@ const MAX_PUBLISHERS: usize = 2;
 const MAX_NODES: usize = 16;
 /// Progress messages are tiny and the newest says all: old ones may be overwritten.
 const PROGRESS_BUFFER: usize = 64;
+/// Tries to open a service, and the time between two.
+const ATTEMPTS: u32 = 20;
+const BETWEEN_ATTEMPTS: Duration = Duration::from_millis(20);
 /// Longest instance name; a service name holds 255 bytes.
 const INSTANCE_MAX_LEN: usize = 64;
 /// Name of the loop's publisher among those of the sample service.
@@ -138,39 +142,45 @@ impl Link {
             let name = format!("rec-bench/{instance}/{part}");
             ServiceName::new(&name).map_err(|e| failed("name a service", e.to_string()))
         };
-        let sample = node
-            .service_builder(&name("sample")?)
-            .publish_subscribe::<Sample>()
-            .enable_safe_overflow(true)
-            .subscriber_max_buffer_size(BUFFER_SAMPLES)
-            .subscriber_max_borrowed_samples(4)
-            .history_size(0)
-            .max_subscribers(MAX_SUBSCRIBERS)
-            .max_publishers(MAX_PUBLISHERS)
-            .max_nodes(MAX_NODES)
-            .open_or_create()
-            .map_err(|e| failed("open the sample service", e.to_string()))?;
-        let progress = node
-            .service_builder(&name("progress")?)
-            .publish_subscribe::<Progress>()
-            .enable_safe_overflow(true)
-            .subscriber_max_buffer_size(PROGRESS_BUFFER)
-            .subscriber_max_borrowed_samples(2)
-            .history_size(0)
-            .max_subscribers(MAX_PUBLISHERS)
-            .max_publishers(MAX_SUBSCRIBERS)
-            .max_nodes(MAX_NODES)
-            .open_or_create()
-            .map_err(|e| failed("open the progress service", e.to_string()))?;
-        let wake = node
-            .service_builder(&name("wake")?)
-            .event()
-            .max_notifiers(MAX_PUBLISHERS)
-            .max_listeners(MAX_SUBSCRIBERS)
-            .max_nodes(MAX_NODES)
-            .event_id_max_value(0)
-            .open_or_create()
-            .map_err(|e| failed("open the wake service", e.to_string()))?;
+        let sample_name = name("sample")?;
+        let sample = patiently(|| {
+            node.service_builder(&sample_name)
+                .publish_subscribe::<Sample>()
+                .enable_safe_overflow(true)
+                .subscriber_max_buffer_size(BUFFER_SAMPLES)
+                .subscriber_max_borrowed_samples(4)
+                .history_size(0)
+                .max_subscribers(MAX_SUBSCRIBERS)
+                .max_publishers(MAX_PUBLISHERS)
+                .max_nodes(MAX_NODES)
+                .open_or_create()
+        })
+        .map_err(|e| failed("open the sample service", e.to_string()))?;
+        let progress_name = name("progress")?;
+        let progress = patiently(|| {
+            node.service_builder(&progress_name)
+                .publish_subscribe::<Progress>()
+                .enable_safe_overflow(true)
+                .subscriber_max_buffer_size(PROGRESS_BUFFER)
+                .subscriber_max_borrowed_samples(2)
+                .history_size(0)
+                .max_subscribers(MAX_PUBLISHERS)
+                .max_publishers(MAX_SUBSCRIBERS)
+                .max_nodes(MAX_NODES)
+                .open_or_create()
+        })
+        .map_err(|e| failed("open the progress service", e.to_string()))?;
+        let wake_name = name("wake")?;
+        let wake = patiently(|| {
+            node.service_builder(&wake_name)
+                .event()
+                .max_notifiers(MAX_PUBLISHERS)
+                .max_listeners(MAX_SUBSCRIBERS)
+                .max_nodes(MAX_NODES)
+                .event_id_max_value(0)
+                .open_or_create()
+        })
+        .map_err(|e| failed("open the wake service", e.to_string()))?;
         Ok(Link { instance: instance.to_owned(), sample, progress, wake, node })
     }
 
@@ -210,6 +220,18 @@ impl Link {
     pub fn broken(&self, what: &'static str, cause: String) -> LinkError {
         LinkError::Transport { instance: self.instance.clone(), what, cause }
     }
+}
+
+/// A service that its last user is leaving at this moment can neither be opened nor created; a moment later it can be
+/// created. What fails for another reason fails again.
+pub(crate) fn patiently<T, E>(mut attempt: impl FnMut() -> Result<T, E>) -> Result<T, E> {
+    for _ in 0..ATTEMPTS {
+        if let Ok(service) = attempt() {
+            return Ok(service);
+        }
+        std::thread::sleep(BETWEEN_ATTEMPTS);
+    }
+    attempt()
 }
 
 pub(crate) fn validate_instance(instance: &str) -> Result<(), LinkError> {
