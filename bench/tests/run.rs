@@ -2,7 +2,7 @@
 
 use recordings::{Item, McapReader, McapWriter};
 use rt_core::{Sample, flags};
-use std::io::Read;
+use std::io::{Read, Write};
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 
@@ -140,6 +140,32 @@ fn an_emergency_stop_from_another_process_trips_the_run() {
     assert!(replay.status.success(), "{}{}", stdout(&replay), stderr(&replay));
     let incident = dir.path().join(format!("short.{}-trip.json", all[first].tick));
     assert!(incident.exists(), "the flight recorder left {}", incident.display());
+}
+
+#[test]
+fn the_space_bar_is_the_emergency_stop() {
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    let file = dir.path().join("short.mcap");
+    let profile = profile(dir.path(), 600, "");
+    // `script` (Debian: bsdutils, always there) gives the run a terminal.
+    let run = [env!("CARGO_BIN_EXE_bench"), "run", &profile, "--realtime", "--out", &file.display().to_string()];
+    let line = format!("{} --instance {}", run.join(" "), instance("keyboard"));
+    let mut command = Command::new("script");
+    command.args(["-qec", &line, "/dev/null"]).stdin(Stdio::piped()).stdout(Stdio::null());
+    let mut script = Running(command.spawn().expect("script starts"));
+    let mut keys = script.0.stdin.take().expect("piped");
+    // The terminal is watched soon after the recording begins; until then a key is only echoed.
+    let code = loop {
+        if file.with_extension("mcap.part").exists() && keys.write_all(b" ").and_then(|()| keys.flush()).is_err() {
+            break script.0.wait().expect("a child").code();
+        }
+        if let Some(status) = script.0.try_wait().expect("a child") {
+            break status.code();
+        }
+        std::thread::sleep(std::time::Duration::from_millis(100));
+    };
+    assert_eq!(code, Some(5));
+    assert!(samples(&file).last().is_some_and(|last| last.trip == 9 | 6 << 8), "emergency stop, demanded");
 }
 
 #[test]
