@@ -8,7 +8,7 @@ guest=drivers/tests/can-guest
 cargo build --release --bin bench
 # The progress bar is for people.
 "$guest" run sh -c '
-  target/release/bench run benchmarks/sixty_seconds.toml --realtime --require-rt --out /tmp/sixty.mcap 2>/tmp/said
+  target/release/bench run benchmarks/sixty_seconds.toml --realtime --require-rt --out /dev/shm/sixty.mcap 2>/dev/shm/said
   code=$?
-  if [ $code -ne 0 ]; then tail -5 /tmp/said; exit $code; fi
-  target/release/bench replay /tmp/sixty.mcap'
+  if [ $code -ne 0 ]; then tail -5 /dev/shm/said; exit $code; fi
+  target/release/bench replay /dev/shm/sixty.mcap'
