@@ -4,7 +4,8 @@
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 guest=drivers/tests/can-guest
-[ -f target/can-guest/initrd.gz ] || "$guest" prepare
+# The machine is built by the script that runs it: a newer one builds it anew.
+[ target/can-guest/initrd.gz -nt "$guest" ] || "$guest" prepare
 cargo build --release --bin bench
 # The progress bar is for people.
 "$guest" run sh -c '
