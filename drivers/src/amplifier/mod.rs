@@ -1,0 +1,1 @@
+//! What pump amplifiers speak: one protocol a file, no I/O.

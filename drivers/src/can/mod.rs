@@ -1,0 +1,5 @@
+//! Frames on a CAN bus, and the thread that owns the bus.
+
+mod frame;
+
+pub use frame::{Frame, FrameId, TimedFrame};

@@ -1,0 +1,1 @@
+//! CAN databases (DBC) compiled to shifts and masks, no I/O.

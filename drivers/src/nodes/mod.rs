@@ -1,0 +1,1 @@
+//! The emulated rig at the other end of both wires.
