@@ -115,11 +115,12 @@ struct Cycle<'a> {
 
 impl Cycle<'_> {
     fn begin(&mut self) {
-        let Stages { clock, supervisor, controller, flight, .. } = &mut self.stages;
+        let Stages { clock, device, supervisor, controller, flight, .. } = &mut self.stages;
         supervisor.begin_run();
         controller.begin_run();
         flight.begin_run();
         clock.start();
+        device.begin_run(clock.origin_ns());
     }
 
     /// One tick. Returns how the run ended, if this was its last.

@@ -63,6 +63,9 @@ impl Operator for &Switches {
 /// After the run's last tick, and at once after a failure, the loop writes the safe state once more without a read before it.
 /// Ticks may be passed over; time never goes back. Neither call may wait, allocate or take a lock.
 pub trait Device {
+    /// A run begins. `origin_ns` is its tick 0 on `CLOCK_MONOTONIC`, 0 in virtual time: what a device with times of its own needs
+    /// to say how old a value is at a tick.
+    fn begin_run(&mut self, _origin_ns: u64) {}
     /// The sensors at this tick.
     fn read(&mut self, now: Tick) -> Result<Measurement, DeviceError>;
     /// The command that acts from this tick on.
