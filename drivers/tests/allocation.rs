@@ -1,5 +1,8 @@
 //! The emulated rig's tick allocates nothing: it runs inside the 1 kHz loop.
 
+mod counting;
+
+use counting::allocations;
 use drivers::EmulatedRig;
 use drivers::emulated::Settings;
 use model::Parameters;
@@ -8,30 +11,6 @@ use model::rec::STATES;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rt_core::{Command, Device, Fixture, Tick};
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
-
-thread_local! {
-    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
-}
-
-struct Counting;
-
-// SAFETY: every call is passed on to the system's allocator as it came; counting allocates nothing.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
 
 const TICKS: u64 = 10_000;
 const FREE: Command =
@@ -72,10 +51,10 @@ fn play(rig: &mut EmulatedRig, name: &str) -> [u32; WAYS] {
     let (mut command, mut until) = (FREE, 0);
     let mut tick = 0;
     while tick < TICKS {
-        let before = ALLOCATIONS.get();
+        let before = allocations();
         rig.read(Tick::at(tick)).expect("the rig reads");
         rig.write(Tick::at(tick), &command).expect("the rig writes");
-        assert_eq!(ALLOCATIONS.get() - before, 0, "{name}, tick {tick}: {command:?}");
+        assert_eq!(allocations() - before, 0, "{name}, tick {tick}: {command:?}");
         taken[way(&command)] += 1;
         if tick >= until {
             until = tick + rng.random_range(1..60);
@@ -124,10 +103,10 @@ fn no_tick_of_the_rig_allocates_whatever_is_commanded() {
 fn the_counter_counts_an_error_of_the_rig_too() {
     let mut rig = EmulatedRig::new(&Parameters::example(), EffectSet::none(), Settings::default()).expect("a rig");
     rig.read(Tick::at(0)).expect("the rig reads");
-    let before = ALLOCATIONS.get();
+    let before = allocations();
     let refused = rig.write(Tick::at(0), &Command { voltage_v: 99.0, ..FREE });
-    assert!(refused.is_err() && ALLOCATIONS.get() > before, "its message is made on the heap");
-    let before = ALLOCATIONS.get();
+    assert!(refused.is_err() && allocations() > before, "its message is made on the heap");
+    let before = allocations();
     std::hint::black_box(vec![1u8; 100]);
-    assert_eq!(ALLOCATIONS.get() - before, 2, "one allocation, and its release");
+    assert_eq!(allocations() - before, 2, "one allocation, and its release");
 }
