@@ -2,4 +2,4 @@
 
 mod frame;
 
-pub use frame::{Frame, FrameId, TimedFrame};
+pub use frame::{Frame, FrameId, MOST_BYTES, TimedFrame};

@@ -4,6 +4,26 @@
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
+/// The wires of a rig.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Settings {
+    /// The pump's wire.
+    pub amplifier: AmplifierSettings,
+    /// The wire of valves and sensors.
+    pub can: CanSettings,
+}
+
+/// Both wires.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Settings {
+    /// `[amplifier]`
+    pub amplifier: AmplifierSettings,
+    /// `[can]`
+    pub can: CanSettings,
+}
+
 /// `[amplifier]`: the pump amplifier on its serial port.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -26,9 +46,26 @@ pub struct AmplifierSettings {
     /// Telemetry may be silent for so long (ms); then the amplifier counts as gone, gets 0 V and is disarmed.
     #[serde(default = "default::timeout_ms")]
     pub timeout_ms: f64,
+    /// For the protocol `vesc`.
+    #[serde(default)]
+    pub vesc: VescSettings,
     /// For the protocol `tmcl`.
     #[serde(default)]
     pub tmcl: TmclSettings,
+}
+
+/// `[amplifier.vesc]`: the motor at a VESC.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct VescSettings {
+    /// Pole pairs of the motor, >= 1: a VESC tells electrical revolutions. 1 for a brushed motor.
+    pub pole_pairs: u8,
+}
+
+impl Default for VescSettings {
+    fn default() -> Self {
+        VescSettings { pole_pairs: 1 }
+    }
 }
 
 /// `[amplifier.tmcl]`: where the motor is in a Trinamic module.

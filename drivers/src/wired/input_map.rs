@@ -1,0 +1,219 @@
+//! Frames to measured quantities: which signal of which message is what, calibrated, with the time at which it was measured.
+
+use super::WiredError;
+use super::settings::{CanSettings, Sensor};
+use crate::can::{Frame, FrameId, TimedFrame};
+use crate::dbc::{Codec, Database, Message};
+use rt_core::{Input, Measurement, PERIOD_NS, Tick};
+
+/// An echoed counter that is further back than this is of another run; its frame's time says more.
+const OLDEST_ECHO_TICKS: u64 = 4096;
+
+/// Where an echoed counter is, and after how many ticks it begins anew.
+#[derive(Clone, Copy, Debug)]
+struct Echo {
+    codec: Codec,
+    modulus: u64,
+}
+
+/// A mapped sensor.
+#[derive(Clone, Copy, Debug)]
+struct Mapped {
+    input: Input,
+    id: FrameId,
+    value: Codec,
+    gain: f64,
+    offset: f64,
+    fault: Option<Codec>,
+    present: Option<Codec>,
+    counter: Option<Echo>,
+    latency_ns: u64,
+}
+
+/// The last reading of a sensor.
+#[derive(Clone, Copy, Debug)]
+struct Reading {
+    value: f64,
+    faulty: bool,
+    measured: Measured,
+}
+
+/// When a reading was taken.
+#[derive(Clone, Copy, Debug)]
+enum Measured {
+    /// On the command of this tick.
+    Tick(u64),
+    /// At this time, `CLOCK_MONOTONIC`, ns.
+    MonotonicNs(u64),
+}
+
+/// The measured quantities out of the frames that come. Allocates nothing after its construction.
+pub struct InputMap {
+    sensors: Vec<Mapped>,
+    readings: [Option<Reading>; 5],
+    /// Frames that held a reading older than the newest.
+    outdated: u64,
+}
+
+impl InputMap {
+    /// Looks the sensors' signals up.
+    ///
+    /// # Errors
+    /// A signal that does not exist or can't be used, a companion in another message; names the rig file's key.
+    pub fn new(settings: &CanSettings, database: &Database) -> Result<InputMap, WiredError> {
+        let mut sensors = vec![];
+        for (input, sensor) in Input::ALL.into_iter().zip(settings.sensors.by_input()) {
+            if let Some(sensor) = sensor {
+                sensors.push(Mapped::new(input, sensor, database)?);
+            }
+        }
+        Ok(InputMap { sensors, readings: [None; 5], outdated: 0 })
+    }
+
+    /// The identifiers of the frames that hold something.
+    pub fn wanted(&self) -> Vec<FrameId> {
+        let mut ids: Vec<FrameId> = self.sensors.iter().map(|sensor| sensor.id).collect();
+        ids.sort_unstable();
+        ids.dedup();
+        ids
+    }
+
+    /// Takes what a frame says. `commanded` is the tick of the last command that was sent, `None` before the run's first: an echoed
+    /// counter is of it or of one before it. A reading that is older than the one there is, is left out.
+    pub fn take(&mut self, received: &TimedFrame, commanded: Option<u64>) {
+        for sensor in &self.sensors {
+            if sensor.id != received.frame.id {
+                continue;
+            }
+            let Some(reading) = sensor.read(received, commanded) else { continue };
+            let newest = &mut self.readings[sensor.input as usize];
+            let older = match (newest.map(|before| before.measured), reading.measured) {
+                (Some(Measured::Tick(before)), Measured::Tick(now)) => now < before,
+                (Some(Measured::MonotonicNs(before)), Measured::MonotonicNs(now)) => now < before,
+                // What was measured on a command of this run is newer than what came before the run, and than what can't say.
+                (Some(Measured::Tick(_)), Measured::MonotonicNs(_)) => sensor.counter.is_some(),
+                _ => false,
+            };
+            if older {
+                self.outdated += 1;
+            } else {
+                *newest = Some(reading);
+            }
+        }
+    }
+
+    /// Everything as it is known at this tick. `origin_ns` is the run's tick 0 on `CLOCK_MONOTONIC`.
+    pub fn measurement(&self, now: Tick, origin_ns: u64) -> Measurement {
+        let mut measured = Measurement::NONE;
+        for (input, reading) in Input::ALL.into_iter().zip(&self.readings) {
+            let Some(reading) = reading else { continue };
+            let value = match input {
+                Input::Angle => &mut measured.angle_deg,
+                Input::Pressure1 => &mut measured.pressure1_bar,
+                Input::Pressure2 => &mut measured.pressure2_bar,
+                Input::Torque => &mut measured.torque_nm,
+                Input::Volume => &mut measured.volume_ml,
+            };
+            *value = reading.value;
+            let age_ns = match reading.measured {
+                Measured::Tick(tick) => now.index.saturating_sub(tick).saturating_mul(PERIOD_NS),
+                Measured::MonotonicNs(at_ns) => (origin_ns + now.scheduled_ns).saturating_sub(at_ns),
+            };
+            measured.age_ns[input as usize] = u32::try_from(age_ns).unwrap_or(u32::MAX);
+            if reading.faulty {
+                measured.faulty |= input.bit();
+            }
+        }
+        measured
+    }
+
+    /// Sensors without a reading yet, by the names of their columns and their frames.
+    pub fn silent(&self) -> impl Iterator<Item = (&'static str, FrameId)> {
+        let silent = |sensor: &&Mapped| self.readings[sensor.input as usize].is_none();
+        self.sensors.iter().filter(silent).map(|sensor| (sensor.input.column(), sensor.id))
+    }
+
+    /// Forgets all readings.
+    pub fn forget(&mut self) {
+        self.readings = [None; 5];
+    }
+
+    /// Readings that were left out because a newer one had come before them, since the construction.
+    pub fn outdated(&self) -> u64 {
+        self.outdated
+    }
+}
+
+impl Mapped {
+    fn new(input: Input, sensor: &Sensor, database: &Database) -> Result<Mapped, WiredError> {
+        let key = |part: &str| format!("[can.sensors.{}] {part}", input.column());
+        let (message, value) = find(database, &sensor.signal, || key("signal"))?;
+        let companion = |part: &str, name: &Option<String>| match name {
+            None => Ok(None),
+            Some(name) => {
+                let (other, codec) = find(database, name, || key(part))?;
+                if other.id == message.id {
+                    return Ok(Some(codec));
+                }
+                Err(WiredError::Mapping {
+                    key: key(part),
+                    expected: format!("a signal of {}, the message of the value", message.name),
+                    got: format!("{name:?}"),
+                })
+            }
+        };
+        let counter = companion("counter", &sensor.counter)?;
+        Ok(Mapped {
+            input,
+            id: message.id,
+            value,
+            gain: sensor.gain,
+            offset: sensor.offset,
+            fault: companion("fault", &sensor.fault)?,
+            present: companion("present", &sensor.present)?,
+            counter: counter.map(|codec| Echo { codec, modulus: modulus(codec) }),
+            latency_ns: (sensor.latency_ms.max(0.0) * 1e6) as u64,
+        })
+    }
+
+    fn read(&self, received: &TimedFrame, commanded: Option<u64>) -> Option<Reading> {
+        let data = received.frame.data();
+        let said = |codec: Option<Codec>| codec.and_then(|codec| codec.decode(data));
+        let raw = self.value.decode(data)?;
+        let absent = said(self.present) == Some(0.0);
+        let arrived = Measured::MonotonicNs(received.received_ns.saturating_sub(self.latency_ns));
+        let measured = match (self.counter, commanded) {
+            (Some(echo), Some(commanded)) => echo.tick(&received.frame, commanded).map_or(arrived, Measured::Tick),
+            _ => arrived,
+        };
+        let value = if absent { f64::NAN } else { self.gain * raw + self.offset };
+        Some(Reading { value, faulty: said(self.fault).is_some_and(|fault| fault != 0.0), measured })
+    }
+}
+
+impl Echo {
+    /// The tick whose command this frame answers, if it is one of this run.
+    fn tick(&self, frame: &Frame, commanded: u64) -> Option<u64> {
+        let counter = self.codec.decode(frame.data())? as u64;
+        let back = (commanded % self.modulus + self.modulus - counter % self.modulus) % self.modulus;
+        if back < OLDEST_ECHO_TICKS.min(self.modulus / 2) { commanded.checked_sub(back) } else { None }
+    }
+}
+
+/// A counter's values: 0 up to this, exclusive.
+pub(super) fn modulus(codec: Codec) -> u64 {
+    let (_, most) = codec.range();
+    (most as u64).saturating_add(1).min(1 << 16)
+}
+
+/// A signal with its message; the error names the key that asked for it.
+pub(super) fn find<'a>(
+    database: &'a Database,
+    path: &str,
+    key: impl FnOnce() -> String,
+) -> Result<(&'a Message, Codec), WiredError> {
+    match database.signal(path) {
+        Ok((message, signal)) => Ok((message, signal.codec)),
+        Err(source) => Err(WiredError::Signal { key: key(), source }),
+    }
+}
