@@ -6,7 +6,7 @@ use crate::interrupt;
 use crate::keyboard::{self, Keyboard};
 use crate::progress::Progress;
 use crate::recorder::OnFull;
-use crate::rig_file::Rig;
+use crate::rig_file::{DeviceSpec, Rig};
 use crate::runner::{Mode, Plan, Runner, certify, judge};
 use crate::timing::Timing;
 use profiles::{BUILTIN, EXAMPLES, Script};
@@ -69,7 +69,12 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     } else {
         Mode::Lockstep
     };
-    let mut device = rig_for(&rig.plant, &script, args.seed, 0)?;
+    let mut device = match &rig.device {
+        DeviceSpec::Emulated(plant) => rig_for(plant, &script, args.seed, 0)?,
+        DeviceSpec::Wired(_) => {
+            return Err(Failure::new(Kind::Input, "`bench run` does not drive a wired rig yet".to_owned()));
+        }
+    };
     let notes = [("device".to_owned(), rig.name.clone()), ("instance".to_owned(), args.instance.clone())].into();
     let (switches, _driving) = interrupt::driving()?;
     let mut runner = Runner::open(&args.instance, rig.limits, mode, args.on_full, progress)?;

@@ -1,17 +1,21 @@
 //! `rig.toml`: the device, the facts of the rig, what the supervisor enforces, the safe state.
 
+mod limits;
+
+pub(crate) use limits::{RawLimits, RawSafeState};
+
 use crate::controller::Settings as LoopSettings;
 use crate::failure::{Failure, Kind};
 use crate::setup::Knowledge;
 use model::{ModelFile, Parameters};
 use profiles::Plane;
 use recordings::RigFacts;
-use rt_core::{Limits, SafeState};
-use serde::{Deserialize, Serialize};
+use rt_core::Limits;
+use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
 /// The rig file of the emulated rig, which is used where none is given; documents every key.
-pub const EMULATED: &str = include_str!("../rigs/emulated.toml");
+pub const EMULATED: &str = include_str!("../../rigs/emulated.toml");
 
 /// A rig, read and checked.
 #[derive(Clone, Debug, PartialEq)]
@@ -22,10 +26,20 @@ pub struct Rig {
     pub facts: RigFacts,
     /// What the supervisor enforces, the safe state included.
     pub limits: Limits,
-    /// The plant of the emulated rig.
-    pub plant: ModelFile,
+    /// What the loop drives.
+    pub device: DeviceSpec,
     /// What the controller knows.
     pub knowledge: Knowledge,
+}
+
+/// What the loop drives.
+#[derive(Clone, Debug, PartialEq)]
+pub enum DeviceSpec {
+    /// The emulated rig with this plant, in this process.
+    Emulated(Box<ModelFile>),
+    /// A rig on real wires. Paths are joined to the rig file's folder; everything is checked that can be without hardware, the
+    /// budget of both wires included.
+    Wired(Box<drivers::wired::Settings>),
 }
 
 #[derive(Deserialize)]
@@ -71,97 +85,6 @@ struct RawController {
     model: Option<PathBuf>,
     #[serde(default)]
     loops: LoopSettings,
-}
-
-/// The limits as they are written; what is left out stays as it is.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct RawLimits {
-    pressure_min_bar: Option<f64>,
-    pressure_max_bar: Option<f64>,
-    angle_max_deg: Option<f64>,
-    velocity_max_deg_s: Option<f64>,
-    velocity_window_ticks: Option<u32>,
-    torque_max_nm: Option<f64>,
-    missing_max_ticks: Option<u32>,
-    age_max_ms: Option<f64>,
-    heartbeat_max_ms: Option<f64>,
-    voltage_max_v: Option<f64>,
-    slew_max_v_s: Option<f64>,
-    aftermath_ticks: Option<u64>,
-}
-
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct RawSafeState {
-    brake: Option<Valve>,
-    bypass: Option<Valve>,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-enum Valve {
-    Open,
-    Closed,
-}
-
-impl From<bool> for Valve {
-    fn from(open: bool) -> Self {
-        if open { Valve::Open } else { Valve::Closed }
-    }
-}
-
-impl RawLimits {
-    /// Everything that is enforced, spelled out.
-    pub(crate) fn of(limits: &Limits) -> Self {
-        RawLimits {
-            pressure_min_bar: Some(limits.pressure_min_bar),
-            pressure_max_bar: Some(limits.pressure_max_bar),
-            angle_max_deg: Some(limits.angle_max_deg),
-            velocity_max_deg_s: Some(limits.velocity_max_deg_s),
-            velocity_window_ticks: Some(limits.velocity_window_ticks),
-            torque_max_nm: Some(limits.torque_max_nm),
-            missing_max_ticks: Some(limits.missing_max_ticks),
-            age_max_ms: Some(limits.age_max_ms),
-            heartbeat_max_ms: Some(limits.heartbeat_max_ms),
-            voltage_max_v: Some(limits.voltage_max_v),
-            slew_max_v_s: Some(limits.slew_max_v_s),
-            aftermath_ticks: Some(limits.aftermath_ticks),
-        }
-    }
-
-    /// These limits over `defaults`.
-    pub(crate) fn over(self, defaults: Limits) -> Limits {
-        Limits {
-            pressure_min_bar: self.pressure_min_bar.unwrap_or(defaults.pressure_min_bar),
-            pressure_max_bar: self.pressure_max_bar.unwrap_or(defaults.pressure_max_bar),
-            angle_max_deg: self.angle_max_deg.unwrap_or(defaults.angle_max_deg),
-            velocity_max_deg_s: self.velocity_max_deg_s.unwrap_or(defaults.velocity_max_deg_s),
-            velocity_window_ticks: self.velocity_window_ticks.unwrap_or(defaults.velocity_window_ticks),
-            torque_max_nm: self.torque_max_nm.unwrap_or(defaults.torque_max_nm),
-            missing_max_ticks: self.missing_max_ticks.unwrap_or(defaults.missing_max_ticks),
-            age_max_ms: self.age_max_ms.unwrap_or(defaults.age_max_ms),
-            heartbeat_max_ms: self.heartbeat_max_ms.unwrap_or(defaults.heartbeat_max_ms),
-            voltage_max_v: self.voltage_max_v.unwrap_or(defaults.voltage_max_v),
-            slew_max_v_s: self.slew_max_v_s.unwrap_or(defaults.slew_max_v_s),
-            aftermath_ticks: self.aftermath_ticks.unwrap_or(defaults.aftermath_ticks),
-            safe_state: defaults.safe_state,
-        }
-    }
-}
-
-impl RawSafeState {
-    pub(crate) fn of(state: SafeState) -> Self {
-        RawSafeState { brake: Some(state.brake_open.into()), bypass: Some(state.bypass_open.into()) }
-    }
-
-    pub(crate) fn over(self, defaults: SafeState) -> SafeState {
-        let open = |valve: Option<Valve>, default| valve.map_or(default, |valve| valve == Valve::Open);
-        SafeState {
-            brake_open: open(self.brake, defaults.brake_open),
-            bypass_open: open(self.bypass, defaults.bypass_open),
-        }
-    }
 }
 
 impl Rig {
@@ -222,7 +145,8 @@ impl Rig {
             knowledge.controller(plane).map_err(|failure| input(format!("[controller] {failure}")))?;
         }
         limits.validate().map_err(|error| input(format!("[limits] {error}")))?;
-        Ok(Rig { name: raw.name.unwrap_or_else(|| "rig".to_owned()), facts, limits, plant, knowledge })
+        let device = DeviceSpec::Emulated(Box::new(plant));
+        Ok(Rig { name: raw.name.unwrap_or_else(|| "rig".to_owned()), facts, limits, device, knowledge })
     }
 }
 
