@@ -2,6 +2,7 @@
 //!
 //! Readers refuse what they don't understand, with file, line (or tick) and column; nothing is repaired silently.
 
+mod alignment;
 mod campaign;
 mod campaign_toml;
 mod csv_reader;

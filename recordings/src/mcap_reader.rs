@@ -10,6 +10,7 @@ use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::{McapError, parse_record};
 use rt_core::{LossCertificate, Sample};
 
+use crate::alignment::Alignment;
 use crate::error::Place;
 use crate::run_metadata::{Event, RunMetadata};
 use crate::succession::{Misfit, Succession};
@@ -190,10 +191,11 @@ pub(crate) fn read_recording(
     {
         return disagrees("plane", plane.as_str(), reader.run().plane.as_str());
     }
-    let mut recording = Recording::default();
+    let (mut recording, mut alignment) = (Recording::default(), Alignment::default());
     for item in &mut reader {
         if let Item::Sample(sample) = item? {
             recording.push_sample(&sample);
+            alignment.push(&sample);
         }
     }
     if let Some(certificate) = reader.certificate()
@@ -206,6 +208,7 @@ pub(crate) fn read_recording(
         let remedy = "the command in a gap is unknown, so the run can't be simulated: record it again";
         return Err(CampaignError::content(at, "a recording without loss", certificate.to_string(), remedy));
     }
+    alignment.apply(&mut recording);
     recording.check_whole(protocol, Place::file(path))?;
     Ok(recording)
 }

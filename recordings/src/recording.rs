@@ -5,7 +5,7 @@ use std::path::Path;
 use rt_core::Sample;
 
 use crate::error::Place;
-use crate::{CampaignError, Protocol, csv_reader, csv_writer, mcap_reader};
+use crate::{CampaignError, Protocol, alignment, csv_reader, csv_writer, mcap_reader};
 
 /// A run as columns of equal length, one row a sample; NaN = missing value. Units and sign convention as in the
 /// contract; voltage and valves of a row act from its time to the next row's, the other columns are the state at its time.
@@ -89,14 +89,26 @@ impl Recording {
     pub(crate) fn push_sample(&mut self, sample: &Sample) {
         self.time_s.push(sample.time_s());
         self.voltage_v.push(sample.voltage_v);
-        self.angle_deg.push(sample.angle_deg);
-        self.pressure1_bar.push(sample.pressure1_bar);
-        self.pressure2_bar.push(sample.pressure2_bar);
-        self.torque_nm.push(sample.torque_nm);
-        self.volume_ml.push(sample.volume_ml);
+        let measured = alignment::sound(sample);
+        self.angle_deg.push(measured.angle_deg);
+        self.pressure1_bar.push(measured.pressure1_bar);
+        self.pressure2_bar.push(measured.pressure2_bar);
+        self.torque_nm.push(measured.torque_nm);
+        self.volume_ml.push(measured.volume_ml);
         self.brake_open.push(sample.brake_open());
         self.bypass_open.push(sample.bypass_open());
         self.segment.push(i64::from(sample.segment));
+    }
+
+    /// Leaves the first `rows` rows.
+    pub(crate) fn truncate(&mut self, rows: usize) {
+        let Recording { time_s, voltage_v, angle_deg, pressure1_bar, pressure2_bar, torque_nm, volume_ml, .. } = self;
+        for column in [time_s, voltage_v, angle_deg, pressure1_bar, pressure2_bar, torque_nm, volume_ml] {
+            column.truncate(rows);
+        }
+        self.brake_open.truncate(rows);
+        self.bypass_open.truncate(rows);
+        self.segment.truncate(rows);
     }
 
     /// The columns that hold measured values, by name.
