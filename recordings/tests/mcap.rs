@@ -12,7 +12,7 @@ use mcap::records::Metadata;
 use proptest::prelude::*;
 use prost_reflect::{DescriptorPool, DynamicMessage, Value};
 use recordings::{CampaignError, Event, Item, McapReader, McapWriter, Protocol, Recording, Severity};
-use rt_core::{LossCertificate, LossTracker, Sample, flags};
+use rt_core::{Input, LossCertificate, LossTracker, Sample, flags};
 
 fn folder() -> (tempfile::TempDir, PathBuf) {
     let dir = tempfile::tempdir().unwrap();
@@ -500,6 +500,9 @@ fn golden() -> Vec<Sample> {
     (0..220)
         .map(|number| {
             let mut sample = skipping(number);
+            let small = |factor: u64| (sample.tick * factor % 1009) as u32;
+            sample.age_ns = [small(3), small(5), 0, small(7), 5_000_000];
+            sample.quality |= Input::Pressure1.bit() << 8;
             if number >= 210 {
                 sample.flags = flags::BYPASS_OPEN | flags::TRIPPED | flags::OVERRUN;
                 (sample.voltage_v, sample.trip) = (0.0, 2 << 8 | 3);
