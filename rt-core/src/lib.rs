@@ -8,6 +8,7 @@
 //! | [`supervisor`] | limits, latched trips, the safe state |
 //! | [`statistics`] | what is accounted per run |
 //! | [`flight`] | the last ticks with their stage times, kept when something happens |
+//! | [`fault`] | what may be made to go wrong at a device, as plain data |
 //! | [`replay`] | a recorded run in the place of clock, device and people |
 //! | [`publish`] | the loop's hand-over and the publication thread |
 //! | [`subscribe`] | the other end: samples, gaps, loss certificate |
@@ -19,6 +20,7 @@
 pub mod clock;
 pub mod cycle;
 pub mod demand;
+pub mod fault;
 pub mod flight;
 mod flow;
 pub mod link;
@@ -38,6 +40,7 @@ pub mod types;
 pub use clock::{Clock, Lockstep, RealTime, Wake};
 pub use cycle::{LoopError, OpenLoop, Run, Stages, run};
 pub use demand::{DemandListener, send_demand};
+pub use fault::{Fault, FaultKind};
 pub use flight::{FlightLog, FlightRecorder, Incident};
 pub use link::LinkError;
 pub use loss::{LossCertificate, LossTracker, OutOfOrder};
