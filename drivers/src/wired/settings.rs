@@ -4,16 +4,6 @@
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// The wires of a rig.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Settings {
-    /// The pump's wire.
-    pub amplifier: AmplifierSettings,
-    /// The wire of valves and sensors.
-    pub can: CanSettings,
-}
-
 /// Both wires.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -195,6 +185,23 @@ pub struct FixtureSignals {
     pub vertical: String,
     /// Pressure of both chambers at the start of a run, bar absolute.
     pub fill_bar: String,
+}
+
+impl FixtureSignals {
+    /// Keys with their signals.
+    pub fn by_key(&self) -> [(&'static str, &str); 9] {
+        [
+            ("kind", &self.kind),
+            ("angle_deg", &self.angle_deg),
+            ("pressure1_bar", &self.pressure1_bar),
+            ("pressure2_bar", &self.pressure2_bar),
+            ("flow_ml_s", &self.flow_ml_s),
+            ("segment", &self.segment),
+            ("run", &self.run),
+            ("vertical", &self.vertical),
+            ("fill_bar", &self.fill_bar),
+        ]
+    }
 }
 
 /// `[[can.heartbeat]]`: a message whose absence means that its node is gone.
