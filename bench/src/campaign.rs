@@ -1,12 +1,16 @@
 //! Runs scripts on a rig and leaves a campaign folder: the recordings and `campaign.toml`.
 
+use crate::devices::Devices;
 use crate::failure::{Failure, Kind};
 use crate::progress::Progress;
 use crate::recorder::OnFull;
 use crate::runner::{Mode, Plan, Runner, certify, judge};
 use crate::setup::Knowledge;
+use drivers::journal::JournalReader;
+use identify::component::{fit_pump, pump_points};
+use model::{ModelFile, Parameters};
 use profiles::Script;
-use recordings::{CAMPAIGN_FILE, Campaign, RigFacts, RunEntry, UnknownWord};
+use recordings::{CAMPAIGN_FILE, Campaign, Protocol, RigFacts, RunEntry, UnknownWord};
 use rt_core::{Device, Limits, LossCertificate, Switches};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -27,6 +31,8 @@ pub struct Settings {
     pub seed: u64,
     /// Noted in every recording.
     pub notes: BTreeMap<String, String>,
+    /// Where the runs' ticks come from.
+    pub mode: Mode,
 }
 
 /// A run that was recorded without loss.
@@ -43,19 +49,20 @@ pub struct Session {
     campaign: Campaign,
     seed: u64,
     notes: BTreeMap<String, String>,
+    instance: String,
     runner: Runner,
 }
 
 impl Session {
     /// Makes the folder, begins to publish on an instance of this process, and starts the logger.
     pub fn create(settings: Settings, progress: &Progress) -> Result<Self, Failure> {
-        let Settings { dir, name, rig, limits, seed, notes } = settings;
+        let Settings { dir, name, rig, limits, seed, notes, mode } = settings;
         make_folder(&dir)?;
         // Two campaigns on one machine must not hear each other.
         let instance = format!("campaign-{}", std::process::id());
-        let runner = Runner::open(&instance, limits, Mode::Lockstep, OnFull::GoOn, progress)?;
+        let runner = Runner::open(&instance, limits, mode, OnFull::GoOn, progress)?;
         let campaign = Campaign { dir, name, rig, runs: Vec::new() };
-        Ok(Session { campaign, seed, notes, runner })
+        Ok(Session { campaign, seed, notes, instance, runner })
     }
 
     /// Runs one script to its end and adds its recording to the campaign. `knowledge` serves the targets other than voltages. Prints `NAME: N of N samples`.
@@ -81,6 +88,39 @@ impl Session {
         judge(&script.name, &finished.report)?;
         certify(&script.name, &finished.certificate)?;
         Ok(Recorded { entry, certificate: finished.certificate })
+    }
+
+    /// Name under which the samples are published.
+    pub fn instance(&self) -> &str {
+        &self.instance
+    }
+
+    /// Where drivers get the journals from that the recordings take their events from.
+    pub fn journals(&mut self) -> &mut JournalReader {
+        self.runner.journals()
+    }
+
+    /// Runs the scripts in their order. Where nothing is known of the rig, its pump is measured before flows are asked for: `knowledge`
+    /// grows by the pump map.
+    ///
+    /// # Errors
+    /// As [`Session::run`]; a rig that is not ready (4); a pump map that no pump fits (3).
+    pub fn run_all(
+        &mut self,
+        scripts: &[Script],
+        devices: &mut Devices,
+        mut knowledge: Knowledge,
+        switches: &Switches,
+        progress: &Progress,
+    ) -> Result<(), Failure> {
+        for (run, script) in scripts.iter().enumerate() {
+            let mut device = devices.prepare(script, self.seed, run, self.runner.journals())?;
+            let recorded = self.run(script, &mut *device, &knowledge, switches, progress)?;
+            if recorded.entry.protocol == Protocol::PumpMap && knowledge == Knowledge::Nothing {
+                knowledge = Knowledge::Pump(measured_pump(&self.campaign, &recorded.entry)?);
+            }
+        }
+        Ok(())
     }
 
     /// The campaign as it is recorded so far; its folder can be read.
@@ -121,4 +161,20 @@ fn entry(script: &Script) -> Result<RunEntry, UnknownWord> {
         role: FromStr::from_str(script.role.as_str())?,
         plane: FromStr::from_str(script.plane.as_str())?,
     })
+}
+
+/// The example with the pump's parameters from its recorded map.
+fn measured_pump(campaign: &Campaign, entry: &RunEntry) -> Result<ModelFile, Failure> {
+    let run = campaign.read(entry).map_err(|e| Failure::of(Kind::Input, &e))?;
+    let mut parameters = Parameters::example();
+    parameters.pump.u_max = campaign.rig.u_max_v;
+    if !fit_pump(&pump_points(&run), &mut parameters) {
+        let message = format!(
+            "{}: expected a pump that delivers more at a higher voltage, got points that eq. (10) does not fit; flows \
+             can't be commanded",
+            entry.file
+        );
+        return Err(Failure::new(Kind::Acceptance, message));
+    }
+    Ok(ModelFile::plain(parameters))
 }

@@ -2,22 +2,23 @@
 //! built-in scripts. What was drawn is a [`ModelFile`], so that truth and identified model are compared field by field.
 
 use crate::campaign::{Session, Settings};
+use crate::devices::Devices;
 use crate::failure::{Failure, Kind};
 use crate::interrupt;
 use crate::progress::Progress;
+use crate::runner::Mode;
 use crate::setup::Knowledge;
 use crate::simulation::added_effects;
 use crate::strength::strength;
 use drivers::EmulatedRig;
 use drivers::emulated::Settings as RigSettings;
-use identify::component::{fit_pump, pump_points};
 use model::effects::{Effect, LIBRARY};
 use model::parameters::{AddedEffect, index};
 use model::{ModelFile, Parameters};
 use profiles::{BUILTIN, Plane, Script};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use recordings::{Campaign, Protocol, RigFacts, RunEntry};
+use recordings::{Campaign, RigFacts};
 use rt_core::Limits;
 use std::path::Path;
 
@@ -118,20 +119,19 @@ pub fn record(dir: &Path, truth: &ModelFile, seed: u64, progress: &Progress) -> 
         limits: Limits { pressure_min_bar: 0.3, pressure_max_bar: 9.0, ..Limits::default() },
         seed,
         notes: [("device".to_owned(), "emulated rig".to_owned())].into(),
+        mode: Mode::Lockstep,
     };
     let mut session = Session::create(settings, progress)?;
     let (switches, _driving) = interrupt::driving()?;
-    let mut knowledge = Knowledge::Nothing;
-    for (index, (file, text)) in BUILTIN.iter().enumerate() {
-        let script = Script::parse(text, file).map_err(|e| Failure::of(Kind::Internal, &e))?;
-        let mut rig = rig_for(truth, &script, seed, index)?;
-        let recorded = session.run(&script, &mut rig, &knowledge, switches, progress)?;
-        if recorded.entry.protocol == Protocol::PumpMap {
-            // Flows are asked for later: as on a real rig, the pump has to be measured for that.
-            knowledge = Knowledge::Pump(measured_pump(session.campaign(), &recorded.entry)?);
-        }
-    }
+    let mut devices = Devices::Emulated { plant: Box::new(truth.clone()) };
+    session.run_all(&builtin_scripts()?, &mut devices, Knowledge::Nothing, switches, progress)?;
     session.finish()
+}
+
+/// The built-in experiments, in the order in which each needs the results of the one before.
+pub fn builtin_scripts() -> Result<Vec<Script>, Failure> {
+    let parse = |(file, text): &(&str, &str)| Script::parse(text, file).map_err(|e| Failure::of(Kind::Internal, &e));
+    BUILTIN.iter().map(parse).collect()
 }
 
 /// The rig at the start of a run, prepared as the script asks; its noise is the run's own.
@@ -147,22 +147,6 @@ pub fn rig_for(truth: &ModelFile, script: &Script, seed: u64, run: usize) -> Res
         ..defaults
     };
     EmulatedRig::new(&truth.parameters, effects, settings).map_err(|e| Failure::of(Kind::Device, &e))
-}
-
-/// The example with the pump's parameters from its recorded map.
-fn measured_pump(campaign: &Campaign, entry: &RunEntry) -> Result<ModelFile, Failure> {
-    let run = campaign.read(entry).map_err(|e| Failure::of(Kind::Input, &e))?;
-    let mut parameters = Parameters::example();
-    parameters.pump.u_max = campaign.rig.u_max_v;
-    if !fit_pump(&pump_points(&run), &mut parameters) {
-        let message = format!(
-            "{}: expected a pump that delivers more at a higher voltage, got points that eq. (10) does not fit; flows \
-             can't be commanded",
-            entry.file
-        );
-        return Err(Failure::new(Kind::Acceptance, message));
-    }
-    Ok(ModelFile::plain(parameters))
 }
 
 #[cfg(test)]

@@ -3,8 +3,10 @@
 pub mod campaign;
 pub mod commands;
 pub mod controller;
+pub mod devices;
 pub mod doctor;
 pub mod emulation;
+pub mod events;
 pub mod failure;
 pub mod incident;
 pub mod interrupt;

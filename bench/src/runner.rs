@@ -1,17 +1,19 @@
 //! Runs one script after the other on a rig: the loop in real time or in lockstep, its samples over shared memory, the logger's
 //! recordings, the flight recorder's incidents. A campaign and a single run are the same to it.
 
+use crate::events::{aftermath, events_of};
 use crate::failure::{Failure, Kind};
 use crate::incident::Incidents;
 use crate::logger::{Logger, LoggerError};
 use crate::progress::Progress;
 use crate::recorder::{OnFull, ask_to_stop};
 use crate::setup::{Knowledge, Setup};
+use drivers::journal::{JournalReader, Occurrence, Severity};
 use profiles::Script;
-use recordings::{CampaignError, Event, RunMetadata, Severity};
+use recordings::{CampaignError, RunMetadata};
 use rt_core::system::{self, ProcessGuard, Report, Request};
 use rt_core::{
-    Clock, Device, Ended, FlightLog, FlightRecorder, Limits, Lockstep, LoopError, LossCertificate, PERIOD_NS, Pace,
+    Clock, Device, Ended, FlightLog, FlightRecorder, Limits, Lockstep, LossCertificate, Pace,
     Publication, RealTime, Run, RunReport, Stages, Supervisor, Switches,
 };
 use std::collections::BTreeMap;
@@ -79,6 +81,7 @@ pub struct Runner {
     flight: FlightRecorder,
     flown: FlightLog,
     system: Option<(ProcessGuard, Report)>,
+    journals: JournalReader,
     next_run: u32,
 }
 
@@ -127,14 +130,19 @@ impl Runner {
         let logger = logger.map_err(|e| failure_of(&e))?;
         publication.wait_for_loggers(1, PATIENCE).map_err(link)?;
         let (flight, flown) = rt_core::flight::recorder();
-        let runner = Runner { mode, supervisor, logger, publication, flight, flown, system, next_run: 0 };
+        let runner = Runner { mode, supervisor, logger, publication, flight, flown, system, journals: JournalReader::default(), next_run: 0 };
         if let Some((_, report)) = &runner.system {
             runner.judge_system(report, progress)?;
         }
         Ok(runner)
     }
 
-    /// Runs a script to its end and records it.
+    /// Where drivers get the journals from that the recordings take their events from.
+    pub fn journals(&mut self) -> &mut JournalReader {
+        &mut self.journals
+    }
+
+    /// Runs a script to its end and records it, with what the drivers note meanwhile.
     ///
     /// # Errors
     /// The script does not fit the rig (2), the device failed (4), the recording could not be written (6). A trip, a stop and
@@ -154,7 +162,8 @@ impl Runner {
         let mut controller = plan.knowledge.controller(plan.script.plane)?;
         let mut metadata = metadata(plan, &setup)?;
 
-        let Runner { mode, supervisor, logger, publication, flight, flown, system, .. } = self;
+        let Runner { mode, supervisor, logger, publication, flight, flown, system, journals, .. } = self;
+        let mut noted = said_of(journals.read(), progress);
         let mut incidents = Incidents::beside(plan.path);
         let step = progress.step(plan.script.name.as_str(), playback.ticks_bound());
         let begin = |logger: &mut Logger, metadata: RunMetadata| {
@@ -171,9 +180,10 @@ impl Runner {
                 publish: publication,
                 flight: &mut *flight,
             };
-            rt_core::run(stages, run)
+            let outcome = rt_core::run(stages, run);
+            (outcome, clock.origin_ns())
         };
-        let outcome = match mode {
+        let (outcome, origin_ns) = match mode {
             Mode::Lockstep => {
                 begin(logger, metadata)?;
                 drive(&mut Lockstep::default(), publication)
@@ -203,6 +213,7 @@ impl Runner {
                     let _ = go.send(());
                     while !handle.is_finished() {
                         incidents.write(flown, progress);
+                        noted.extend(said_of(journals.read(), progress));
                         thread::sleep(LOOK);
                     }
                     match handle.join() {
@@ -214,8 +225,10 @@ impl Runner {
         };
         let settled = publication.settle(PATIENCE);
         incidents.write(flown, progress);
+        noted.extend(said_of(journals.read(), progress));
         let (ticks, mut events) = aftermath(&outcome);
         events.extend(incidents.events());
+        events.extend(events_of(&noted, origin_ns, journals.untaken()));
         let recorded = logger.end(run.number, ticks, events).map_err(|e| failure_of(&e))?;
         step.finish();
         progress.result(&format!("{}: {}", plan.script.name, recorded.certificate));
@@ -292,29 +305,12 @@ fn metadata(plan: &Plan<'_>, setup: &Setup) -> Result<RunMetadata, Failure> {
     })
 }
 
-/// What the logger has to know of the run's end: its length, and what a reader of the recording should see.
-fn aftermath(outcome: &Result<RunReport, LoopError>) -> (Option<u64>, Vec<Event>) {
-    let event = |tick: u64, severity, text: String| Event {
-        tick,
-        scheduled_ns: tick * PERIOD_NS,
-        severity,
-        source: "loop".to_owned(),
-        text,
-    };
-    match outcome {
-        Ok(report) => {
-            let ticks = report.statistics.ticks;
-            let last = (ticks + report.statistics.skipped).saturating_sub(1);
-            let events = match report.ended {
-                Ended::Completed if report.statistics.overruns == 0 => vec![],
-                Ended::Completed | Ended::Stopped => vec![event(last, Severity::Warning, report.to_string())],
-                Ended::Tripped | Ended::Aborted => vec![event(last, Severity::Error, report.to_string())],
-            };
-            (Some(ticks), events)
-        }
-        Err(LoopError::Device { source, .. }) => (None, vec![event(source.tick, Severity::Error, source.to_string())]),
-        Err(error) => (Some(0), vec![event(0, Severity::Error, error.to_string())]),
+/// What drivers noted, said to whoever watches the run; what is for the record alone is not.
+fn said_of(noted: Vec<Occurrence>, progress: &Progress) -> Vec<Occurrence> {
+    for occurrence in noted.iter().filter(|occurrence| occurrence.severity > Severity::Info) {
+        progress.say(&format!("{}: {}", occurrence.source, occurrence.text));
     }
+    noted
 }
 
 fn failure_of(error: &LoggerError) -> Failure {

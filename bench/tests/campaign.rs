@@ -57,6 +57,7 @@ fn settings(dir: PathBuf) -> Settings {
         limits: Limits::default(),
         seed: 7,
         notes: [("device".to_owned(), "echo".to_owned())].into(),
+        mode: bench::runner::Mode::Lockstep,
     }
 }
 

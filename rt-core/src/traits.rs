@@ -72,6 +72,34 @@ pub trait Device {
     fn write(&mut self, now: Tick, command: &Command) -> Result<(), DeviceError>;
 }
 
+impl<D: Device + ?Sized> Device for &mut D {
+    fn begin_run(&mut self, origin_ns: u64) {
+        (**self).begin_run(origin_ns);
+    }
+
+    fn read(&mut self, now: Tick) -> Result<Measurement, DeviceError> {
+        (**self).read(now)
+    }
+
+    fn write(&mut self, now: Tick, command: &Command) -> Result<(), DeviceError> {
+        (**self).write(now, command)
+    }
+}
+
+impl<D: Device + ?Sized> Device for Box<D> {
+    fn begin_run(&mut self, origin_ns: u64) {
+        (**self).begin_run(origin_ns);
+    }
+
+    fn read(&mut self, now: Tick) -> Result<Measurement, DeviceError> {
+        (**self).read(now)
+    }
+
+    fn write(&mut self, now: Tick, command: &Command) -> Result<(), DeviceError> {
+        (**self).write(now, command)
+    }
+}
+
 /// What a device could not do. Carries the device, what was expected and what came.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{device} at tick {tick}: {what}")]

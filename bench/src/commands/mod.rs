@@ -1,5 +1,6 @@
 //! The commands, one file each.
 
+mod campaign;
 mod demo;
 mod diagnose;
 mod doctor;
@@ -12,6 +13,7 @@ pub mod results;
 mod run;
 mod simulate;
 mod stop;
+mod time;
 
 use crate::failure::Failure;
 use crate::progress::Progress;
@@ -29,6 +31,7 @@ pub struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Run(run::Args),
+    Campaign(campaign::Args),
     Stop(stop::Args),
     Record(record::Args),
     Recover(recover::Args),
@@ -45,6 +48,7 @@ enum Command {
 pub fn run(cli: &Cli, progress: &Progress) -> Result<(), Failure> {
     match &cli.command {
         Command::Run(args) => run::run(args, progress),
+        Command::Campaign(args) => campaign::run(args, progress),
         Command::Stop(args) => stop::run(args, progress),
         Command::Record(args) => record::run(args, progress),
         Command::Recover(args) => recover::run(args, progress),

@@ -1,16 +1,16 @@
 //! `bench run PROFILE [--realtime]`
 
-use crate::emulation::rig_for;
+use super::time::TimeArgs;
+use crate::devices::Devices;
 use crate::failure::{Failure, Kind};
 use crate::interrupt;
 use crate::keyboard::{self, Keyboard};
 use crate::progress::Progress;
 use crate::recorder::OnFull;
-use crate::rig_file::{DeviceSpec, Rig};
-use crate::runner::{Mode, Plan, Runner, certify, judge};
+use crate::rig_file::Rig;
+use crate::runner::{Plan, Runner, certify, judge};
 use crate::timing::Timing;
 use profiles::{BUILTIN, EXAMPLES, Script};
-use rt_core::system::Request;
 use rt_core::{DemandListener, Switches};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -24,18 +24,8 @@ pub const INSTANCE: &str = "bench";
 pub struct Args {
     /// Profile: a file, or the name of a built-in one (square_h, random_a, ...)
     profile: String,
-    /// Real time at 1 kHz in a thread of its own; without it virtual time, as fast as it goes
-    #[arg(long)]
-    realtime: bool,
-    /// End with exit code 2 when the system refuses anything that real time needs
-    #[arg(long, requires = "realtime")]
-    require_rt: bool,
-    /// Priority of the loop, SCHED_FIFO
-    #[arg(long, default_value_t = 80, value_parser = clap::value_parser!(u8).range(2..=98))]
-    priority: u8,
-    /// Processors for the loop and its publication, such as 3 or 2,3
-    #[arg(long, value_delimiter = ',')]
-    cpu: Vec<usize>,
+    #[command(flatten)]
+    time: TimeArgs,
     /// Rig file [default: the emulated rig]
     #[arg(long)]
     rig: Option<PathBuf>,
@@ -62,22 +52,12 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
             Failure::new(Kind::Input, format!("{}: can't be created: {error}; choose another --out", folder.display()))
         })?;
     }
-    let mode = if args.realtime {
-        let cpus = (!args.cpu.is_empty()).then(|| args.cpu.clone());
-        let request = Request { priority: args.priority, cpus, ..Request::default() };
-        Mode::RealTime { request, required: args.require_rt }
-    } else {
-        Mode::Lockstep
-    };
-    let mut device = match &rig.device {
-        DeviceSpec::Emulated(plant) => rig_for(plant, &script, args.seed, 0)?,
-        DeviceSpec::Wired(_) => {
-            return Err(Failure::new(Kind::Input, "`bench run` does not drive a wired rig yet".to_owned()));
-        }
-    };
+    let mode = args.time.mode();
     let notes = [("device".to_owned(), rig.name.clone()), ("instance".to_owned(), args.instance.clone())].into();
     let (switches, _driving) = interrupt::driving()?;
-    let mut runner = Runner::open(&args.instance, rig.limits, mode, args.on_full, progress)?;
+    let mut runner = Runner::open(&args.instance, rig.limits, mode.clone(), args.on_full, progress)?;
+    let mut devices = Devices::open(&rig.device, rig.limits.safe_state, &mode, runner.journals())?;
+    let mut device = devices.prepare(&script, args.seed, 0, runner.journals())?;
     let plan = Plan {
         script: &script,
         seed: args.seed,
@@ -91,11 +71,13 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
         if keys.is_some() {
             progress.say(keyboard::HELP);
         }
-        runner.run(&plan, &mut device, switches, progress)
+        runner.run(&plan, &mut *device, switches, progress)
     })?;
+    drop(device);
+    drop(devices);
     runner.finish()?;
     progress.result(&finished.report.to_string());
-    if args.realtime {
+    if args.time.realtime {
         progress.result(&Timing::of_recording(&path)?.to_string());
     }
     progress.result(&format!("recording: {}", path.display()));
@@ -107,7 +89,7 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
 }
 
 /// Does the work while demands from other processes throw the switches.
-fn listening<T>(
+pub(super) fn listening<T>(
     instance: &str,
     switches: &'static Switches,
     progress: &Progress,

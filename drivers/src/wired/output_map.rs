@@ -58,7 +58,13 @@ impl From<Fixture> for FixtureNumbers {
 
 impl FixtureNumbers {
     /// The fixture again; `None` for a kind that there is not.
-    pub fn fixture(kind: u8, angle_deg: f64, pressure1_bar: f64, pressure2_bar: f64, flow_ml_s: f64) -> Option<Fixture> {
+    pub fn fixture(
+        kind: u8,
+        angle_deg: f64,
+        pressure1_bar: f64,
+        pressure2_bar: f64,
+        flow_ml_s: f64,
+    ) -> Option<Fixture> {
         Some(match kind {
             0 => Fixture::Free,
             1 => Fixture::Clamped { angle_deg },
@@ -180,8 +186,9 @@ impl OutputMap {
         let place = match self.sent.iter().position(|sent| sent.frame.id == message.id) {
             Some(place) => place,
             None => {
-                let mapping = |expected: String, got: String| WiredError::Mapping { key: key.to_owned(), expected, got };
-                let frame = Frame::new(message.id, &[0; crate::can::MOST_BYTES][..message.length.min(crate::can::MOST_BYTES)])
+                let mapping =
+                    |expected: String, got: String| WiredError::Mapping { key: key.to_owned(), expected, got };
+                let frame = Frame::new(message.id, &vec![0; message.length])
                     .ok_or_else(|| mapping("at most 8 bytes".to_owned(), format!("{}", message.length)))?;
                 if self.sent.len() == MOST_FRAMES {
                     return Err(mapping(format!("at most {MOST_FRAMES} command messages"), message.name.clone()));
@@ -194,7 +201,8 @@ impl OutputMap {
                 self.sent.len() - 1
             }
         };
-        let modulus = if matches!(meaning, Meaning::Counter | Meaning::Segment | Meaning::Run) { modulus(codec) } else { 0 };
+        let modulus =
+            if matches!(meaning, Meaning::Counter | Meaning::Segment | Meaning::Run) { modulus(codec) } else { 0 };
         self.sent[place].signals.push((meaning, codec, modulus));
         Ok(())
     }

@@ -144,7 +144,7 @@ impl WiredRig {
         let report = self.amplifier.poll();
         // Writing to a string can't fail.
         if let Some(fault) = report.fault {
-            let _ = write!(missing, "the amplifier reports fault {} ({}); ", fault.code, fault.name);
+            let _ = write!(missing, "the amplifier reports {fault}; ");
         }
         if !report.connected {
             let _ = write!(missing, "the amplifier does not answer; ");
@@ -166,12 +166,8 @@ impl WiredRig {
     }
 
     fn send(&mut self, command: &Command, counter: u64, running: bool) -> Result<(), crate::dbc::OutOfRange> {
-        let preparation = self.preparation.unwrap_or(Preparation {
-            run: 0,
-            vertical: false,
-            fill_bar: 0.0,
-            start: *command,
-        });
+        let preparation =
+            self.preparation.unwrap_or(Preparation { run: 0, vertical: false, fill_bar: 0.0, start: *command });
         let around = Around { counter, running, preparation };
         self.acting = (command.fixture, command.segment);
         let count = self.outputs.frames(command, &around, &mut self.frames)?;
@@ -194,10 +190,7 @@ impl WiredRig {
     fn failure(&mut self) -> Option<(&'static str, String)> {
         let report = self.amplifier.poll();
         if let Some(fault) = report.fault {
-            let what = format!(
-                "expected no fault, got {} ({}); remove its cause, then start the run again",
-                fault.code, fault.name
-            );
+            let what = format!("expected no fault, got {fault}; remove its cause, then start the run again");
             return Some((AMPLIFIER, what));
         }
         if !report.armed {
@@ -218,7 +211,10 @@ impl WiredRig {
 
 /// A bus that can't be used.
 fn trouble(state: &BusState) -> Option<String> {
-    state.trouble().map(str::to_owned)
+    (!state.condition.carries_frames()).then(|| {
+        let condition = state.condition;
+        format!("expected a bus that carries frames, got one that is {condition}; see the events for its remedy")
+    })
 }
 
 impl Device for WiredRig {
@@ -230,7 +226,10 @@ impl Device for WiredRig {
     fn read(&mut self, now: Tick) -> Result<Measurement, DeviceError> {
         let refuse = |device, what| DeviceError { device, tick: now.index, what };
         if self.origin_ns == 0 {
-            return Err(refuse(BUS, "expected real time, got virtual time: wires take their own; add --realtime".to_owned()));
+            return Err(refuse(
+                BUS,
+                "expected real time, got virtual time: wires take their own; add --realtime".to_owned(),
+            ));
         }
         self.receive();
         if let Some((device, what)) = self.failure() {
@@ -263,4 +262,3 @@ impl Drop for WiredRig {
         }
     }
 }
-

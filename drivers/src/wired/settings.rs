@@ -62,21 +62,30 @@ impl Default for VescSettings {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TmclSettings {
+    /// Which module it is: a name out of [`crate::amplifier::tmcl::MODULES`], where its parameters are.
+    pub module: String,
     /// Address of the module.
     pub module_address: u8,
     /// Address under which it answers: the host's.
     pub reply_address: u8,
     /// Axis (motor) of the module.
     pub axis: u8,
-    /// Axis parameter that takes the command.
-    pub command_parameter: u8,
-    /// Its value at `full_scale_v`, > 0.
-    pub full_scale_units: i32,
+    /// Axis parameter that takes the command, where it is not the module's.
+    pub command_parameter: Option<u8>,
+    /// Its value at `full_scale_v`, > 0, where it is not the module's.
+    pub full_scale_units: Option<i32>,
 }
 
 impl Default for TmclSettings {
     fn default() -> Self {
-        TmclSettings { module_address: 1, reply_address: 2, axis: 0, command_parameter: 31, full_scale_units: 32_767 }
+        TmclSettings {
+            module: "TMC6140-EVAL".into(),
+            module_address: 1,
+            reply_address: 2,
+            axis: 0,
+            command_parameter: None,
+            full_scale_units: None,
+        }
     }
 }
 
