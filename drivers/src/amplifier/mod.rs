@@ -33,6 +33,8 @@ pub struct ProtocolKind {
     pub name: &'static str,
     /// What it is, for messages.
     pub title: &'static str,
+    /// A fault that an amplifier with this protocol can report: for tests and fault injection.
+    pub example_fault: Fault,
     /// The bench's side.
     ///
     /// # Errors
@@ -238,6 +240,14 @@ pub enum AmplifierError {
         /// As the rig file has it.
         name: String,
     },
+    /// The bench does not know where this module's values are.
+    #[error("[amplifier.tmcl] module = {name:?}: there is {known}")]
+    UnknownModule {
+        /// As the rig file has it.
+        name: String,
+        /// All names.
+        known: String,
+    },
     /// A setting is out of its range.
     #[error("[amplifier] {key} = {value}: expected {expected}")]
     OutOfRange {
@@ -286,5 +296,49 @@ impl Scale {
     /// A measured quantity between the rig's sign and the drive's.
     fn turned(&self, value: f32) -> f32 {
         self.sign as f32 * value
+    }
+}
+
+/// What an emulated amplifier was commanded, and for how long that holds.
+#[derive(Clone, Copy, Debug)]
+struct InForce {
+    voltage_v: f64,
+    /// Last command or sign of life.
+    heard_ns: Option<u64>,
+    timeout_ns: Option<u64>,
+}
+
+impl InForce {
+    fn new(timeout_ns: Option<u64>) -> InForce {
+        InForce { voltage_v: 0.0, heard_ns: None, timeout_ns }
+    }
+
+    fn command(&mut self, voltage_v: f64, now_ns: u64) {
+        // After a timeout a new command is obeyed; the one before it is not.
+        self.voltage_v = voltage_v;
+        self.heard_ns = Some(now_ns);
+    }
+
+    /// A sign of life prolongs a command; one that timed out stays without force.
+    fn alive(&mut self, now_ns: u64) {
+        if self.timed_out(now_ns) {
+            self.voltage_v = 0.0;
+        }
+        self.heard_ns = Some(now_ns);
+    }
+
+    fn voltage_v(&self, now_ns: u64) -> f64 {
+        if self.timed_out(now_ns) { 0.0 } else { self.voltage_v }
+    }
+
+    fn timed_out(&self, now_ns: u64) -> bool {
+        match (self.heard_ns, self.timeout_ns) {
+            (Some(heard_ns), Some(timeout_ns)) => now_ns.saturating_sub(heard_ns) > timeout_ns,
+            _ => false,
+        }
+    }
+
+    fn set_timeout(&mut self, timeout_ns: Option<u64>) {
+        self.timeout_ns = timeout_ns;
     }
 }

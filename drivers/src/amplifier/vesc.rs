@@ -1,14 +1,41 @@
-//! VESC UART.
+//! VESC UART: what motor controllers with the VESC firmware speak on their UARTs and on USB. Source: github.com/vedderb/bldc,
+//! `comm/packet.c`, `comm/commands.c` and `datatypes.h`.
+//!
+//! A voltage is sent as a duty cycle, `COMM_SET_DUTY`, which the firmware does not acknowledge; telemetry is asked for by
+//! `COMM_GET_VALUES_SELECTIVE`, six values at a time. With a brushed motor (motor type "DC") the motor's voltage is the duty times
+//! the supply.
 
-use super::{AmplifierError, AmplifierSettings, Drive, Protocol, ProtocolKind};
+mod client;
+mod drive;
+mod fault;
+mod frame;
+
+pub use client::Client;
+pub use drive::Emulated;
+pub use fault::{FAULTS, fault};
+pub use frame::{Deframer, LONGEST_PAYLOAD, encode};
+
+use super::{Fault, ProtocolKind};
 
 /// VESC UART.
-pub const KIND: ProtocolKind = ProtocolKind { name: "vesc", title: "VESC UART", client, drive };
+pub const KIND: ProtocolKind = ProtocolKind {
+    name: "vesc",
+    title: "VESC UART",
+    example_fault: Fault { code: 4, name: FAULTS[4] },
+    client: |settings| Ok(Box::new(Client::new(settings)?)),
+    drive: |settings| Ok(Box::new(Emulated::new(settings)?)),
+};
 
-fn client(_settings: &AmplifierSettings) -> Result<Box<dyn Protocol>, AmplifierError> {
-    unimplemented!("written next")
+/// Numbers of the commands in `COMM_PACKET_ID`.
+mod comm {
+    pub const FW_VERSION: u8 = 0;
+    pub const GET_VALUES: u8 = 4;
+    pub const SET_DUTY: u8 = 5;
+    pub const SET_CURRENT: u8 = 6;
+    pub const SET_HANDBRAKE: u8 = 10;
+    pub const ALIVE: u8 = 30;
+    pub const GET_VALUES_SELECTIVE: u8 = 50;
 }
 
-fn drive(_settings: &AmplifierSettings) -> Result<Box<dyn Drive>, AmplifierError> {
-    unimplemented!("written next")
-}
+/// Duty 1 on the wire of `COMM_SET_DUTY`.
+const FULL_DUTY: f64 = 1e5;
