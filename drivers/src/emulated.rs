@@ -62,6 +62,17 @@ fn rng(seed: u64, stream: u64) -> ChaCha8Rng {
     rng
 }
 
+/// The pump at a tick.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pump {
+    /// Voltage at its motor, V.
+    pub voltage_v: f64,
+    /// Pressure at port 1 over that at port 2, bar.
+    pub difference_bar: f64,
+    /// Flow from port 2 to port 1, ml/s.
+    pub flow_ml_s: f64,
+}
+
 /// The emulated rig, for one run: effects that depend on time since the start begin with it. See the module.
 pub struct EmulatedRig {
     parameters: [f64; model::parameters::COUNT],
@@ -133,6 +144,26 @@ impl EmulatedRig {
     /// identifies. Angle (rad), velocity (rad/s), pressures 1 and 2 (bar absolute), volume (ml), then the effects' states.
     pub fn state(&self) -> &[f64] {
         &self.x
+    }
+
+    /// What is in force.
+    pub fn command(&self) -> Command {
+        self.command
+    }
+
+    /// Largest voltage of the pump, V either way.
+    pub fn u_max_v(&self) -> f64 {
+        self.u_max_v
+    }
+
+    /// The pump under the command in force, by eq. (10) without effects: what its amplifier could measure.
+    pub fn pump(&self) -> Pump {
+        let Command { voltage_v, brake_open, fixture, .. } = self.command;
+        let shut_off = !brake_open && !matches!(fixture, Fixture::PumpBench { .. });
+        let difference_bar = self.x[state::PRESSURE1] - self.x[state::PRESSURE2];
+        let flow_ml_s =
+            if shut_off { 0.0 } else { rec::pump_flow(&self.parameters, voltage_v, difference_bar).0 };
+        Pump { voltage_v, difference_bar, flow_ml_s }
     }
 
     /// Effects' states as after a long rest in the present state.

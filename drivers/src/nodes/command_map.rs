@@ -1,0 +1,189 @@
+//! The bench's frames as nodes read them: `[can.command]` and `[can.fixture]` from the other end.
+
+use super::EmulatorError;
+use super::plant::{Counter, Sync};
+use crate::can::{Frame, FrameId};
+use crate::dbc::{Codec, Database, Message};
+use crate::emulated;
+use crate::wired::{CanSettings, FixtureNumbers, Preparation};
+use rt_core::{Command, Fixture};
+
+/// What a signal says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Meaning {
+    BrakeOpen,
+    BypassOpen,
+    Counter,
+    Running,
+    Kind,
+    AngleDeg,
+    Pressure1Bar,
+    Pressure2Bar,
+    FlowMlS,
+    Segment,
+    Run,
+    Vertical,
+    FillBar,
+}
+
+/// Everything that was said last.
+#[derive(Clone, Copy, Debug)]
+struct Said {
+    brake_open: bool,
+    bypass_open: bool,
+    counter: u64,
+    running: bool,
+    kind: u8,
+    angle_deg: f64,
+    pressure1_bar: f64,
+    pressure2_bar: f64,
+    flow_ml_s: f64,
+    segment: u32,
+    run: u8,
+    vertical: bool,
+    fill_bar: f64,
+}
+
+/// What the nodes are told, out of the frames that come.
+pub struct CommandMap {
+    signals: Vec<(FrameId, Meaning, Codec)>,
+    /// The frame on which nodes act.
+    sync: FrameId,
+    modulus: Option<u64>,
+    said: Said,
+    /// The last fixture of a kind that there is.
+    fixture: Fixture,
+}
+
+impl CommandMap {
+    /// Looks the commands' signals up.
+    ///
+    /// # Errors
+    /// A signal that does not exist or can't be used; names the rig file's key.
+    pub fn new(settings: &CanSettings, database: &Database) -> Result<CommandMap, EmulatorError> {
+        let command = &settings.command;
+        let mut wanted = vec![
+            ("[can.command] brake_open", Meaning::BrakeOpen, &command.brake_open),
+            ("[can.command] bypass_open", Meaning::BypassOpen, &command.bypass_open),
+        ];
+        wanted.extend(command.running.as_ref().map(|name| ("[can.command] running", Meaning::Running, name)));
+        wanted.extend(command.counter.as_ref().map(|name| ("[can.command] counter", Meaning::Counter, name)));
+        if let Some(fixture) = &settings.fixture {
+            wanted.extend([
+                ("[can.fixture] kind", Meaning::Kind, &fixture.kind),
+                ("[can.fixture] angle_deg", Meaning::AngleDeg, &fixture.angle_deg),
+                ("[can.fixture] pressure1_bar", Meaning::Pressure1Bar, &fixture.pressure1_bar),
+                ("[can.fixture] pressure2_bar", Meaning::Pressure2Bar, &fixture.pressure2_bar),
+                ("[can.fixture] flow_ml_s", Meaning::FlowMlS, &fixture.flow_ml_s),
+                ("[can.fixture] segment", Meaning::Segment, &fixture.segment),
+                ("[can.fixture] run", Meaning::Run, &fixture.run),
+                ("[can.fixture] vertical", Meaning::Vertical, &fixture.vertical),
+                ("[can.fixture] fill_bar", Meaning::FillBar, &fixture.fill_bar),
+            ]);
+        }
+        let (mut signals, mut sync, mut modulus) = (vec![], None, None);
+        for (key, meaning, name) in wanted {
+            let (message, codec) = find(database, name, || key.to_owned())?;
+            signals.push((message.id, meaning, codec));
+            match meaning {
+                Meaning::BrakeOpen => sync = sync.or(Some(message.id)),
+                Meaning::Counter => {
+                    sync = Some(message.id);
+                    modulus = Some(values(codec));
+                }
+                _ => {}
+            }
+        }
+        let sync = sync.expect("brake_open is always looked up");
+        let idle = emulated::Settings::default();
+        let said = Said {
+            brake_open: idle.start.brake_open,
+            bypass_open: idle.start.bypass_open,
+            counter: 0,
+            running: command.running.is_none(),
+            kind: 0,
+            angle_deg: 0.0,
+            pressure1_bar: idle.fill_bar,
+            pressure2_bar: idle.fill_bar,
+            flow_ml_s: 0.0,
+            segment: 0,
+            run: 0,
+            vertical: idle.vertical,
+            fill_bar: idle.fill_bar,
+        };
+        Ok(CommandMap { signals, sync, modulus, said, fixture: Fixture::Free })
+    }
+
+    /// The identifiers of the frames that say something.
+    pub fn wanted(&self) -> Vec<FrameId> {
+        let mut ids: Vec<FrameId> = self.signals.iter().map(|(id, ..)| *id).collect();
+        ids.sort_unstable();
+        ids.dedup();
+        ids
+    }
+
+    /// Takes what a frame says; `Some` where it is the one on which nodes act.
+    pub fn take(&mut self, frame: &Frame) -> Option<Sync> {
+        for &(id, meaning, codec) in &self.signals {
+            if id == frame.id
+                && let Some(value) = codec.decode(frame.data())
+            {
+                self.said.take(meaning, value);
+            }
+        }
+        if frame.id != self.sync {
+            return None;
+        }
+        let Said { counter, running, .. } = self.said;
+        let counter = self.modulus.map(|modulus| Counter { value: counter, modulus });
+        Some(Sync { counter, running, preparation: self.preparation() })
+    }
+
+    /// What was said so far; before that, a free lever.
+    pub fn preparation(&mut self) -> Preparation {
+        let Said { brake_open, bypass_open, segment, run, vertical, fill_bar, .. } = self.said;
+        let Said { kind, angle_deg, pressure1_bar, pressure2_bar, flow_ml_s, .. } = self.said;
+        if let Some(fixture) = FixtureNumbers::fixture(kind, angle_deg, pressure1_bar, pressure2_bar, flow_ml_s) {
+            self.fixture = fixture;
+        }
+        let start = Command { voltage_v: 0.0, brake_open, bypass_open, fixture: self.fixture, segment };
+        Preparation { run, vertical, fill_bar, start }
+    }
+}
+
+impl Said {
+    fn take(&mut self, meaning: Meaning, value: f64) {
+        // `as` saturates, and NaN becomes 0: what a signal of another type says is no worse than another number.
+        let set = value != 0.0;
+        match meaning {
+            Meaning::BrakeOpen => self.brake_open = set,
+            Meaning::BypassOpen => self.bypass_open = set,
+            Meaning::Counter => self.counter = value as u64,
+            Meaning::Running => self.running = set,
+            Meaning::Kind => self.kind = value as u8,
+            Meaning::AngleDeg => self.angle_deg = value,
+            Meaning::Pressure1Bar => self.pressure1_bar = value,
+            Meaning::Pressure2Bar => self.pressure2_bar = value,
+            Meaning::FlowMlS => self.flow_ml_s = value,
+            Meaning::Segment => self.segment = value as u32,
+            Meaning::Run => self.run = value as u8,
+            Meaning::Vertical => self.vertical = set,
+            Meaning::FillBar => self.fill_bar = value,
+        }
+    }
+}
+
+/// How many values a counter has: its highest and 0.
+pub(super) fn values(codec: Codec) -> u64 {
+    (codec.range().1 as u64).saturating_add(1).clamp(2, 1 << 16)
+}
+
+/// A signal with its message; the error names the key that asked for it.
+pub(super) fn find<'a>(
+    database: &'a Database,
+    path: &str,
+    key: impl FnOnce() -> String,
+) -> Result<(&'a Message, Codec), EmulatorError> {
+    let found = database.signal(path).map_err(|source| EmulatorError::Signal { key: key(), source })?;
+    Ok((found.0, found.1.codec))
+}
