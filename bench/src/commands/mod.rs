@@ -1,6 +1,7 @@
 //! The commands, one file each.
 
 mod campaign;
+mod compare;
 mod demo;
 mod diagnose;
 mod doctor;
@@ -40,6 +41,7 @@ enum Command {
     Identify(identify::Args),
     Diagnose(diagnose::Args),
     Simulate(simulate::Args),
+    Compare(compare::Args),
     Latency(latency::Args),
     Doctor(doctor::Args),
 }
@@ -57,6 +59,7 @@ pub fn run(cli: &Cli, progress: &Progress) -> Result<(), Failure> {
         Command::Identify(args) => identify::run(args, progress),
         Command::Diagnose(args) => diagnose::run(args, progress),
         Command::Simulate(args) => simulate::run(args, progress),
+        Command::Compare(args) => compare::run(args, progress),
         Command::Latency(args) => latency::run(args, progress),
         Command::Doctor(args) => doctor::run(args, progress),
     }
