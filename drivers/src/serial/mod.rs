@@ -1,1 +1,20 @@
-//! The thread that owns the serial port of the pump amplifier.
+//! The serial port of the pump amplifier.
+//!
+//! | file | what |
+//! |---|---|
+//! | `link.rs` | [`SerialLink`]: the loop's end; it never waits and never allocates |
+//! | `thread.rs` | the thread that owns the port: commands, telemetry, watchdog, reconnection |
+//! | `hello.rs` | the first words with an amplifier, and what may be wrong where none answers |
+//! | `port.rs` | opening a port, and what may be wrong with it |
+//! | `pty.rs` | [`Pty`]: a port of our own making, for an emulated amplifier |
+
+mod error;
+mod hello;
+mod link;
+mod port;
+mod pty;
+mod thread;
+
+pub use error::LinkError;
+pub use link::{AmplifierReport, SerialLink};
+pub use pty::{AsyncPty, Pty};
