@@ -2,6 +2,7 @@
 
 use crate::condition::Channel;
 use crate::controlled::Controlled;
+use crate::fault::{FaultName, InputName, OutputName, RawFault, ValveName};
 use crate::raw::{FixtureName, RawCondition, RawRandom, RawScript, RawStart, RawStep, RawTarget, Valve, WaveName};
 use crate::script::{Context, Plane, Protocol, Role, Script};
 use crate::signal::Sweep;
@@ -64,6 +65,7 @@ fn every_key_and_word_is_documented() {
         names::<RawTarget>(),
         names::<RawRandom>(),
         names::<RawCondition>(),
+        names::<RawFault>(),
     ];
     assert!(keys.concat().contains(&"rate_per_s"));
     let is_name = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
@@ -82,6 +84,10 @@ fn every_key_and_word_is_documented() {
         names::<WaveName>(),
         names::<Sweep>(),
         names::<Interpolation>(),
+        names::<FaultName>(),
+        names::<InputName>(),
+        names::<OutputName>(),
+        names::<ValveName>(),
         OverrunPolicy::ALL.iter().map(|policy| policy.as_str()).collect(),
     ];
     for value in values.concat() {
@@ -112,6 +118,19 @@ fn every_wave_is_documented_with_its_keys_and_an_example() {
         }
         let example = DOCUMENT.contains(&format!("wave = \"{name}\"")) || name == "step";
         assert!(example, "{name} has no example");
+    }
+}
+
+#[test]
+fn every_fault_is_documented_with_its_keys() {
+    let named = names::<FaultName>();
+    assert_eq!(named.len(), FaultName::ALL.len());
+    for (name, fault) in named.into_iter().zip(FaultName::ALL) {
+        let row = DOCUMENT.lines().find(|line| line.starts_with(&format!("| `{name}` | "))).unwrap_or_default();
+        let (needed, allowed) = fault.keys();
+        for key in needed.iter().chain(allowed) {
+            assert!(row.contains(&format!("`{key}`")), "{name}: {key} is not in its row");
+        }
     }
 }
 

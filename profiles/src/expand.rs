@@ -2,6 +2,7 @@
 //! no rig.
 
 use crate::error::{ScriptError, Source};
+use crate::fault;
 use crate::raw::{FixtureName, Lists, RawRandom, RawScript, RawStart, RawStep, Valve};
 use crate::script::{
     ANGLE_LIMIT_DEG, Change, Drive, End, FixtureChange, Hold, Item, ItemKind, Script, Skip, State, Wave,
@@ -45,6 +46,7 @@ pub(crate) fn script(raw: &RawScript, source: &Source, tables: &Tables) -> Resul
     if expansion.items.is_empty() {
         return Err(source.error(raw.name.span().start, "a script needs at least one [[step]], got none"));
     }
+    let faults = fault::faults(&raw.fault, &Reader { source, variables: &[], prepared: &prepared })?;
     Ok(Script {
         name: name.clone(),
         protocol: raw.protocol,
@@ -53,6 +55,7 @@ pub(crate) fn script(raw: &RawScript, source: &Source, tables: &Tables) -> Resul
         about: raw.about.clone().unwrap_or_default(),
         fill_bar,
         overrun,
+        faults,
         text: source.text.to_owned(),
         file: source.file.to_owned(),
         start,

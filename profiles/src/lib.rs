@@ -13,6 +13,7 @@ mod controlled;
 mod documented;
 mod error;
 mod expand;
+mod fault;
 mod playback;
 mod raw;
 mod script;

@@ -2,6 +2,7 @@
 
 use crate::condition::Channel;
 use crate::controlled::Controlled;
+use crate::fault::RawFault;
 use crate::script::{Plane, Protocol, Role};
 use crate::signal::Sweep;
 use crate::table::Interpolation;
@@ -24,6 +25,8 @@ pub(crate) struct RawScript {
     pub start: Spanned<RawStart>,
     #[serde(default)]
     pub step: Vec<Spanned<RawStep>>,
+    #[serde(default)]
+    pub fault: Vec<Spanned<RawFault>>,
 }
 
 #[derive(Deserialize)]
@@ -67,7 +70,7 @@ pub(crate) struct RawStep {
     pub new_segment: Option<Spanned<bool>>,
 }
 
-fn at<T>(value: &Option<Spanned<T>>) -> Option<Range<usize>> {
+pub(crate) fn at<T>(value: &Option<Spanned<T>>) -> Option<Range<usize>> {
     value.as_ref().map(Spanned::span)
 }
 

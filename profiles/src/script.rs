@@ -10,7 +10,7 @@ use crate::playback::Playback;
 use crate::raw::RawScript;
 use crate::signal::Signal;
 use crate::table::Tables;
-use rt_core::{Command, Fixture, OverrunPolicy};
+use rt_core::{Command, Fault, Fixture, OverrunPolicy};
 use serde::Deserialize;
 use std::path::Path;
 
@@ -114,6 +114,8 @@ pub struct Script {
     pub fill_bar: Option<f64>,
     /// What follows a missed deadline.
     pub overrun: OverrunPolicy,
+    /// What is made to go wrong in the run, for a device that injects it. A replay needs none of it.
+    pub faults: Vec<Fault>,
     /// The script as text, with the tables that it was read with: parses to the same script wherever it is taken.
     pub text: String,
     pub(crate) file: String,
