@@ -1,0 +1,5 @@
+//! The emulated rig on the wires: its plant in virtual time, and the whole over a pty and a bus.
+#![allow(clippy::unwrap_used, reason = "a test")]
+
+mod plant;
+mod rig;
