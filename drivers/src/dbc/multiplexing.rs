@@ -103,11 +103,15 @@ fn parent(
 ) -> Result<Parent, (usize, Problem)> {
     let path = || format!("{message}.{}", signal.name);
     let by_file = extended.iter().filter(|e| e.signal == signal.name);
+    let has_own = by_file.clone().next().is_some();
     let value = match signal.indicator {
         MultiplexIndicator::MultiplexedSignal(value) | MultiplexIndicator::MultiplexorAndMultiplexedSignal(value) => {
-            value
+            Some(value)
         }
-        MultiplexIndicator::Multiplexor | MultiplexIndicator::Plain => {
+        // Some editors leave out the m... of a multiplexor that SG_MUL_VAL_ says to be multiplexed itself.
+        MultiplexIndicator::Multiplexor if has_own => None,
+        MultiplexIndicator::Multiplexor => return Ok(None),
+        MultiplexIndicator::Plain => {
             return match by_file.map(|e| e.line).next() {
                 Some(line) => Err((line, Problem::NotMultiplexed { signal: path() })),
                 None => Ok(None),
@@ -129,9 +133,10 @@ fn parent(
             None => found = Some((multiplexor, entry.ranges.clone(), entry.line)),
         }
     }
-    let (multiplexor, ranges, line) = match found {
-        Some(found) => found,
-        None => {
+    let (multiplexor, ranges, line) = match (found, value) {
+        (Some(found), _) => found,
+        (None, None) => return Ok(None),
+        (None, Some(value)) => {
             let mut switches = (0..signals.len()).filter(|k| {
                 *k != i
                     && !matches!(
