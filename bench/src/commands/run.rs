@@ -115,8 +115,11 @@ pub(super) fn listening<T>(
     })
 }
 
-/// A profile by its file, or by the name of a built-in one or of an example.
+/// A profile by its file, or by the name of a built-in one or of an example. A file that is there comes first.
 pub(super) fn profile(name: &str) -> Result<Script, Failure> {
+    if Path::new(name).is_file() {
+        return Script::read(Path::new(name)).map_err(|e| Failure::of(Kind::Input, &e));
+    }
     let known = || BUILTIN.iter().chain(EXAMPLES);
     let named = |file: &str| file == name || file.strip_suffix(".toml") == Some(name);
     if let Some((file, text)) = known().find(|(file, _)| named(file)) {

@@ -1,0 +1,207 @@
+//! What the bench says over CAN, the nodes understand, and the other way round: the maps of both ends against each other.
+#![allow(clippy::unwrap_used, reason = "a test")]
+
+use drivers::can::{Frame, FrameId, TimedFrame};
+use drivers::dbc::Database;
+use drivers::nodes::{Answer, CommandMap, SensorMap};
+use drivers::wired::{Around, CanSettings, InputMap, MOST_FRAMES, OutputMap, Preparation};
+use proptest::prelude::*;
+use rt_core::{Command, Fixture, Input, Measurement, PERIOD_NS, Tick};
+
+const DBC: &str = include_str!("../../bench/rigs/rec.dbc");
+
+/// Calibrated so that each gain and offset shows.
+const SETTINGS: &str = r#"
+interface = "vcan0"
+dbc = "rec.dbc"
+sensors.angle_deg = { signal = "ENCODER.AngleDeg", counter = "ENCODER.Counter", fault = "ENCODER.Fault", present = "ENCODER.Present", gain = -1.25, offset = 3.0 }
+sensors.pressure1_bar = { signal = "PRESSURES.Pressure1Bar", counter = "PRESSURES.Counter", fault = "PRESSURES.Fault1", gain = 2.0, offset = 0.5 }
+sensors.pressure2_bar = { signal = "PRESSURES.Pressure2Bar", counter = "PRESSURES.Counter", fault = "PRESSURES.Fault2" }
+sensors.torque_nm = { signal = "CLAMP.TorqueNm", counter = "CLAMP.Counter", present = "CLAMP.Present" }
+sensors.volume_ml = { signal = "CYLINDER.VolumeMl", counter = "CYLINDER.Counter", present = "CYLINDER.Present" }
+[command]
+brake_open = "VALVES.BrakeOpen"
+bypass_open = "VALVES.BypassOpen"
+counter = "VALVES.Counter"
+running = "VALVES.Running"
+[fixture]
+kind = "FIXTURE_POSE.Kind"
+angle_deg = "FIXTURE_POSE.AngleDeg"
+pressure1_bar = "FIXTURE_FILL.Pressure1Bar"
+pressure2_bar = "FIXTURE_FILL.Pressure2Bar"
+flow_ml_s = "FIXTURE_FLOW.FlowMlS"
+segment = "FIXTURE_RUN.Segment"
+run = "FIXTURE_RUN.Run"
+vertical = "FIXTURE_RUN.Vertical"
+fill_bar = "FIXTURE_RUN.FillBar"
+"#;
+
+fn settings() -> (CanSettings, Database) {
+    (toml::from_str(SETTINGS).unwrap(), Database::parse(DBC, "rec.dbc").unwrap())
+}
+
+fn no_frames() -> [Frame; MOST_FRAMES] {
+    [Frame::new(FrameId::Standard(0), &[]).unwrap(); MOST_FRAMES]
+}
+
+/// Numbers that a float32 holds exactly.
+fn exact(range: std::ops::Range<i32>) -> impl Strategy<Value = f64> {
+    range.prop_map(|n| f64::from(n) / 64.0)
+}
+
+fn fixture() -> impl Strategy<Value = Fixture> {
+    let angle = || exact(-2560..2560);
+    let bar = || exact(1..640);
+    prop_oneof![
+        Just(Fixture::Free),
+        angle().prop_map(|angle_deg| Fixture::Clamped { angle_deg }),
+        angle().prop_map(|angle_deg| Fixture::Driven { angle_deg }),
+        (angle(), bar(), bar()).prop_map(|(angle_deg, pressure1_bar, pressure2_bar)| Fixture::Filled {
+            angle_deg,
+            pressure1_bar,
+            pressure2_bar
+        }),
+        (angle(), exact(0..640)).prop_map(|(angle_deg, flow_ml_s)| Fixture::Released { angle_deg, flow_ml_s }),
+        (bar(), bar()).prop_map(|(pressure1_bar, pressure2_bar)| Fixture::PumpBench { pressure1_bar, pressure2_bar }),
+    ]
+}
+
+prop_compose! {
+    fn command()(fixture in fixture(), brake_open: bool, bypass_open: bool, segment in 0u32..65536) -> Command {
+        Command { voltage_v: 0.0, brake_open, bypass_open, fixture, segment }
+    }
+}
+
+proptest! {
+    /// Whatever is commanded one tick after the other, the nodes know all of it at each SYNC, though the fixture goes over the bus
+    /// only when it changes.
+    #[test]
+    fn at_each_sync_the_nodes_know_the_whole_command(
+        commands in proptest::collection::vec((command(), 1usize..150), 1..8),
+        run: u8, vertical: bool, fill_bar in exact(1..640), first in 0u64..70_000,
+    ) {
+        let (settings, database) = settings();
+        let mut bench = OutputMap::new(&settings, &database).unwrap();
+        let mut nodes = CommandMap::new(&settings, &database).unwrap();
+        let start = commands[0].0;
+        let preparation = Preparation { run, vertical, fill_bar, start };
+        let mut counter = first;
+        for (command, ticks) in commands {
+            for _ in 0..ticks {
+                let around = Around { counter, running: counter % 2 == 0, preparation };
+                let mut frames = no_frames();
+                let count = bench.frames(&command, &around, &mut frames).unwrap();
+                let syncs: Vec<_> = frames[..count].iter().filter_map(|frame| nodes.take(frame)).collect();
+                prop_assert_eq!(syncs.len(), 1, "one SYNC a tick");
+                prop_assert!(nodes.take(&frames[count - 1]).is_some(), "and it is the last frame");
+                let said = syncs[0];
+                prop_assert_eq!(said.preparation, Preparation { start: command, ..preparation });
+                prop_assert_eq!((said.running, said.counter.unwrap().value), (around.running, counter % 65536));
+                counter += 1;
+            }
+        }
+    }
+
+    /// A measurement that the nodes send is the measurement that the bench reads, calibrated, with its age.
+    #[test]
+    fn what_the_nodes_measure_the_bench_reads(
+        values in proptest::collection::vec((-900i32..900, 40_000i32..500_000, 40_000i32..500_000), 1..40),
+        faulty in 0u32..4, clamped: bool, first in 0u64..200_000,
+    ) {
+        let (settings, database) = settings();
+        let mut bench = InputMap::new(&settings, &database).unwrap();
+        let mut nodes = SensorMap::new(&settings, &database).unwrap();
+        let faulty = faulty << 1;
+        for (tick, (angle, p1, p2)) in (first..).zip(values) {
+            let measurement = Measurement {
+                angle_deg: f64::from(angle) / 10.0,
+                pressure1_bar: f64::from(p1) * 1e-5 + 0.5,
+                pressure2_bar: f64::from(p2) * 1e-5,
+                torque_nm: if clamped { f64::from(angle) / 64.0 } else { f64::NAN },
+                volume_ml: f64::NAN,
+                faulty,
+                ..Measurement::NONE
+            };
+            let answer = Answer {
+                measurement, counter: tick % 65536, brake_is_open: true, bypass_is_open: false, timed_out: false,
+            };
+            nodes.answers(&answer, 0, |frame| bench.take(&TimedFrame { frame, received_ns: 5 }, Some(tick)));
+            let read = bench.measurement(Tick::at(tick + 1), 1_000_000);
+            prop_assert!((read.angle_deg - measurement.angle_deg).abs() <= 1.25 * 0.5e-4 + 1e-9);
+            prop_assert!((read.pressure1_bar - measurement.pressure1_bar).abs() <= 2.0 * 1e-6 + 1e-9);
+            prop_assert!((read.pressure2_bar - measurement.pressure2_bar).abs() <= 1e-6 + 1e-9);
+            prop_assert_eq!(read.torque_nm.is_nan(), !clamped);
+            prop_assert!(!clamped || read.torque_nm == measurement.torque_nm);
+            prop_assert!(read.volume_ml.is_nan());
+            prop_assert_eq!(read.faulty, faulty);
+            prop_assert_eq!(read.age_ns, [PERIOD_NS as u32; 5]);
+        }
+        prop_assert_eq!(bench.silent().count(), 0);
+    }
+}
+
+fn encoder(database: &Database, angle_deg: f64, counter: f64) -> Frame {
+    let (message, angle) = database.signal("ENCODER.AngleDeg").unwrap();
+    let mut frame = Frame::new(message.id, &vec![0; message.length]).unwrap();
+    angle.codec.encode(angle_deg, frame.data_mut()).unwrap();
+    for (name, value) in [("ENCODER.Counter", counter), ("ENCODER.Present", 1.0)] {
+        database.signal(name).unwrap().1.codec.encode(value, frame.data_mut()).unwrap();
+    }
+    frame
+}
+
+#[test]
+fn an_older_answer_that_comes_later_is_left_out_and_a_missing_one_grows_old() {
+    let (settings, database) = settings();
+    let mut bench = InputMap::new(&settings, &database).unwrap();
+    let mut take = |angle: f64, counter: f64, commanded| {
+        bench.take(&TimedFrame { frame: encoder(&database, angle, counter), received_ns: 0 }, Some(commanded));
+        bench.measurement(Tick::at(commanded + 1), 0)
+    };
+    take(1.0, 65_535.0, 65_535);
+    // Over the counter's end.
+    let newest = take(2.0, 1.0, 65_537);
+    assert_eq!(newest.angle_deg, -1.25 * 2.0 + 3.0);
+    let swapped = take(9.0, 0.0, 65_538);
+    assert_eq!(swapped.angle_deg, newest.angle_deg, "measured at 65536, and it came after that of 65537");
+    assert_eq!(swapped.age_ns[Input::Angle as usize], 2 * PERIOD_NS as u32);
+    assert_eq!(bench.outdated(), 1);
+    assert_eq!(bench.measurement(Tick::at(65_637), 0).age_ns[Input::Angle as usize], 100 * PERIOD_NS as u32);
+}
+
+#[test]
+fn before_the_first_command_of_a_run_the_time_of_the_frame_counts() {
+    let (settings, database) = settings();
+    let mut bench = InputMap::new(&settings, &database).unwrap();
+    let origin_ns = 50_000_000;
+    // The counter of a preparation, which is no tick of the run.
+    let received_ns = origin_ns - 700_000;
+    bench.take(&TimedFrame { frame: encoder(&database, 1.0, 32_800.0), received_ns }, None);
+    assert_eq!(bench.measurement(Tick::at(0), origin_ns).age_ns[0], 700_000);
+    // One that is still on its way when the run has begun.
+    bench.take(&TimedFrame { frame: encoder(&database, 1.5, 32_801.0), received_ns: origin_ns - 100_000 }, Some(0));
+    assert_eq!(bench.measurement(Tick::at(1), origin_ns).age_ns[0], 1_100_000);
+    bench.take(&TimedFrame { frame: encoder(&database, 2.0, 0.0), received_ns: origin_ns }, Some(0));
+    let read = bench.measurement(Tick::at(1), origin_ns);
+    assert_eq!((read.angle_deg, read.age_ns[0]), (0.5, PERIOD_NS as u32));
+    // And it does not come back.
+    bench.take(&TimedFrame { frame: encoder(&database, 1.5, 32_802.0), received_ns: origin_ns + 1 }, Some(1));
+    assert_eq!(bench.measurement(Tick::at(2), origin_ns).angle_deg, 0.5);
+}
+
+#[test]
+fn a_signal_that_is_not_there_is_named_with_its_key() {
+    let (settings, database) = settings();
+    let mut wrong = settings.clone();
+    wrong.sensors.torque_nm.as_mut().unwrap().signal = "CLAMP.TorqueNM".to_owned();
+    let error = InputMap::new(&wrong, &database).err().unwrap().to_string();
+    assert!(error.contains("[can.sensors.torque_nm] signal") && error.contains("TorqueNm"), "{error}");
+    let mut wrong = settings.clone();
+    wrong.sensors.torque_nm.as_mut().unwrap().counter = Some("ENCODER.Counter".to_owned());
+    let error = InputMap::new(&wrong, &database).err().unwrap().to_string();
+    assert!(error.contains("[can.sensors.torque_nm] counter") && error.contains("CLAMP"), "{error}");
+    let mut wrong = settings;
+    wrong.fixture.as_mut().unwrap().run = "FIXTURE_RUN.Runs".to_owned();
+    let error = OutputMap::new(&wrong, &database).err().unwrap().to_string();
+    assert!(error.contains("[can.fixture] run"), "{error}");
+}
