@@ -4,7 +4,8 @@ use super::error::{DbcError, Problem};
 use crate::can::FrameId;
 use can_dbc::Dbc;
 use can_dbc_pest::{DbcParser, Error as PestError, Pair, Parser as _, Rule};
-use pest::error::{ErrorVariant, LineColLocation};
+use pest::Position;
+use pest::error::InputLocation;
 use std::borrow::Cow;
 
 /// Identifier of `VECTOR__INDEPENDENT_SIG_MSG`, where editors keep signals that are in no message.
@@ -53,7 +54,7 @@ pub(super) fn frame_id(id: u64) -> Option<FrameId> {
 /// Parses the text, and finds where its statements are.
 pub(super) fn parse(text: &str, file: &str) -> Result<(Dbc, Places), DbcError> {
     let at = |line, problem| DbcError::File { file: file.to_owned(), line, problem };
-    let pairs = DbcParser::parse(Rule::file, text).map_err(|e| syntax(text, file, &e))?;
+    let pairs = DbcParser::parse(Rule::file, text).map_err(|e| syntax(text, file, e))?;
     for pair in pairs.clone().flatten().filter(|p| p.as_rule() == Rule::message_id) {
         let id = pair.as_str().parse().ok().filter(|id| *id == INDEPENDENT || frame_id(*id).is_some());
         if id.is_none() {
@@ -66,6 +67,11 @@ pub(super) fn parse(text: &str, file: &str) -> Result<(Dbc, Places), DbcError> {
     {
         let ((line, column), expected) = (pair.line_col(), "m and a value (m0, m1, ...) or M".to_owned());
         return Err(at(line, Problem::Syntax { column, expected, got: "m".to_owned() }));
+    }
+    let is_number = |p: &Pair<Rule>| matches!(p.as_rule(), Rule::start_bit | Rule::signal_size | Rule::message_size);
+    if let Some(pair) = pairs.clone().flatten().filter(is_number).find(|p| p.as_str().parse::<u64>().is_err()) {
+        let ((line, column), expected) = (pair.line_col(), format!("a whole number 0..={}", u64::MAX));
+        return Err(at(line, Problem::Syntax { column, expected, got: shown(pair.as_str()) }));
     }
     let mut places = Places::default();
     let statements: Vec<Pair<Rule>> = pairs.flat_map(Pair::into_inner).collect();
@@ -109,29 +115,55 @@ impl Places {
     }
 }
 
-/// The parser's own error, in words.
-fn syntax(text: &str, file: &str, e: &PestError<Rule>) -> DbcError {
-    let (line, column) = match e.line_col {
-        LineColLocation::Pos(at) | LineColLocation::Span(at, _) => at,
+/// The parser's own error, in words. Its first account knows rules alone, which begin before the fault; parsed again with details it
+/// also knows the characters that could have stood there.
+fn syntax(text: &str, file: &str, first: PestError<Rule>) -> DbcError {
+    pest::set_error_detail(true);
+    let detailed = DbcParser::parse(Rule::file, text).err().unwrap_or(first);
+    pest::set_error_detail(false);
+    let attempts = detailed.parse_attempts();
+    let at_rule = match detailed.location {
+        InputLocation::Pos(at) | InputLocation::Span((at, _)) => at,
     };
-    let rest = text.lines().nth(line - 1).map(|l| l.chars().skip(column - 1).collect::<String>()).unwrap_or_default();
-    let got = match rest.trim() {
-        "" if line >= text.lines().count() => "the end of the file".to_owned(),
+    let at = attempts.as_ref().map_or(at_rule, |a| a.max_position.max(at_rule));
+    let (before, rest) = text.split_at_checked(at).unwrap_or((text, ""));
+    let (line, column) = Position::new(text, before.len()).map_or((1, 1), |p| p.line_col());
+    let got = match rest.lines().next().unwrap_or_default().trim() {
+        "" if rest.trim().is_empty() => "the end of the file".to_owned(),
         "" => "the end of the line".to_owned(),
         rest => format!("{:?}", shown(rest)),
     };
-    let expected = match &e.variant {
-        // At the start of a statement all of them are possible.
-        ErrorVariant::ParsingError { positives, .. } if positives.is_empty() || positives.contains(&Rule::message) => {
-            "a statement of a DBC file (BU_, BO_, SG_, CM_, BA_, VAL_, ...)".to_owned()
-        }
-        ErrorVariant::ParsingError { positives, .. } => {
-            let names: Vec<String> = positives.iter().map(|r| format!("{r:?}").replace('_', " ")).collect();
-            names.join(" or ")
-        }
-        ErrorVariant::CustomError { message } => message.clone(),
-    };
+    let attempts = attempts.filter(|a| a.max_position == before.len());
+    let tokens: Vec<String> = attempts.iter().flat_map(|a| a.expected_tokens()).map(|t| t.to_string()).collect();
+    let expected = expected(&tokens);
     DbcError::File { file: file.to_owned(), line, problem: Problem::Syntax { column, expected, got } }
+}
+
+/// What could have stood there, without blanks and comments, which may stand nearly everywhere.
+fn expected(tokens: &[String]) -> String {
+    let mut words: Vec<String> = Vec::new();
+    for token in tokens {
+        let word = match token.as_str() {
+            " " | "\t" | "//" => continue,
+            // The parser's word for any character, or an end.
+            "BUILTIN_RULE" => continue,
+            "0..9" => "a digit".to_owned(),
+            "a..z" | "A..Z" => "a letter".to_owned(),
+            "\n" | "\r" | "\r\n" => "the end of the line".to_owned(),
+            // The start of a statement, where all of them are possible.
+            "BO_" => return "a statement of a DBC file (BU_, BO_, SG_, CM_, BA_, VAL_, ...)".to_owned(),
+            other => format!("{other:?}"),
+        };
+        if !words.contains(&word) {
+            words.push(word);
+        }
+    }
+    let name = ["\"_\"", "a digit", "a letter"].map(str::to_owned);
+    if name.iter().all(|w| words.contains(w)) {
+        words.retain(|w| !name.contains(w));
+        words.push("a name".to_owned());
+    }
+    if words.is_empty() { "another character".to_owned() } else { words.join(" or ") }
 }
 
 /// The first line of a piece of the file, cut where it is long.
