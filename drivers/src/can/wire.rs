@@ -77,7 +77,6 @@ pub(super) fn from_socket(frame: CanFrame) -> Option<Content> {
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use socketcan::frame::AsPtr;
     use socketcan::{CanDataFrame, ExtendedId, StandardId};
 
     proptest! {
@@ -93,7 +92,11 @@ mod tests {
             };
             let frame = Frame::new(id, &data).expect("at most 8 bytes");
             let bytes = to_bytes(&frame);
-            prop_assert_eq!(&bytes[..], theirs.expect("a frame").as_bytes());
+            let theirs = theirs.expect("a frame");
+            let raw: &libc::can_frame = theirs.as_ref();
+            prop_assert_eq!(&bytes[..5], &[&raw.can_id.to_ne_bytes()[..], &[raw.can_dlc]].concat()[..]);
+            prop_assert_eq!(&bytes[5..], &[&[0; 3], &raw.data[..]].concat()[..]);
+            prop_assert!(matches!(from_socket(CanFrame::Data(theirs)), Some(Content::Data(same)) if same == frame));
             let back = from_bytes(&bytes);
             prop_assert!(matches!(back, Some(Content::Data(back)) if back == frame));
         }
