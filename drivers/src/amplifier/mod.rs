@@ -10,7 +10,7 @@ mod outbox;
 pub mod tmcl;
 pub mod vesc;
 
-pub use crate::wired::settings::AmplifierSettings;
+pub use crate::wired::settings::{AmplifierSettings, TmclSettings, VescSettings};
 pub use outbox::Outbox;
 
 use arrayvec::ArrayString;

@@ -100,9 +100,10 @@ impl Drive for Emulated {
         let mut reframer = std::mem::take(&mut self.reframer);
         let (address, reply_address) = (self.wire.module_address, self.wire.reply_address);
         let mut newest = None;
+        // A number that is no instruction is no instruction for this module, but garbage.
         reframer.hear(
             bytes,
-            |head| head[0] == address,
+            |head| head[0] == address && is_instruction(head[1]),
             |datagram| {
                 let request = Request::decode(datagram);
                 if (request.instruction, request.kind) == (instruction::VERSION, TEXT) {
@@ -136,4 +137,9 @@ impl Drive for Emulated {
     fn garbled(&self) -> Garbled {
         self.reframer.garbled()
     }
+}
+
+/// Whether TMCL has an instruction with this number: motion and parameters, calculations and events, user functions, control.
+fn is_instruction(number: u8) -> bool {
+    matches!(number, 1..=15 | 19..=39 | 64..=71 | 128..=138 | 157)
 }

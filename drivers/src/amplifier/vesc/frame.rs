@@ -71,7 +71,7 @@ fn write(payload: &[u8], frame: &mut [u8; LONGEST_FRAME]) -> Option<usize> {
 /// Whenever a stop byte comes, every start byte before it whose length fits is tried, the oldest first. So a false start in garbage
 /// never holds back a sound frame that begins later, whatever length it claims. Each start is tried once, when its end comes, so the
 /// work is bounded: a CRC over at most [`LONGEST_PAYLOAD`] bytes for each byte that came, and a look at no more than a longest frame's
-/// bytes for each stop byte.
+/// bytes for each stop byte. Bytes before the oldest start whose end may still come are forgotten.
 #[derive(Clone, Debug)]
 pub struct Deframer {
     bytes: [u8; ROOM],
@@ -99,7 +99,8 @@ impl Deframer {
             self.to += 1;
             if byte == STOP && self.frame_ends(&mut found) {
                 (self.from, self.to) = (0, 0);
-            } else if self.to - self.from == LONGEST_FRAME {
+            }
+            while self.from < self.to && !may_go_on(&self.bytes[self.from..self.to]) {
                 self.from += 1;
                 self.counts.skipped_bytes += 1;
             }
@@ -136,6 +137,19 @@ impl Deframer {
     /// How sound what came was. Bytes of half a frame are not counted as skipped before it is known that they belong to none.
     pub fn garbled(&self) -> Garbled {
         self.counts
+    }
+}
+
+/// Whether a frame that begins with the first of these bytes can end with a byte that is still to come.
+fn may_go_on(bytes: &[u8]) -> bool {
+    match *bytes {
+        [SHORT] | [LONG] | [LONG, _] => true,
+        [SHORT, length, ..] => length > 0 && bytes.len() < 2 + usize::from(length) + TAIL,
+        [LONG, high, low, ..] => {
+            let length = usize::from(u16::from_be_bytes([high, low]));
+            (256..=LONGEST_PAYLOAD).contains(&length) && bytes.len() < 3 + length + TAIL
+        }
+        _ => false,
     }
 }
 
@@ -199,5 +213,7 @@ mod tests {
         let (found, counts) = heard(&bytes);
         assert_eq!((found, counts.sound), (vec![vec![4]], 1));
         assert_eq!(counts.skipped_bytes, 3 * ROOM as u64 + 17);
+        let (_, counts) = heard(&[0x02, 0x01, 0x64, 0x88, 0x00, 0x0c, 0x03, 0x09, 0x05]);
+        assert_eq!(counts.skipped_bytes, 9, "a reply of another protocol is known as garbage at once");
     }
 }
