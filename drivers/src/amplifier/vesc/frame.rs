@@ -78,12 +78,14 @@ pub struct Deframer {
     /// First byte that may still begin a frame.
     from: usize,
     to: usize,
+    /// Value of `to` at which the frame that begins at `from` is looked at again: more of its length is known, or its end has come.
+    look_at: usize,
     counts: Garbled,
 }
 
 impl Default for Deframer {
     fn default() -> Self {
-        Deframer { bytes: [0; ROOM], from: 0, to: 0, counts: Garbled::default() }
+        Deframer { bytes: [0; ROOM], from: 0, to: 0, look_at: 1, counts: Garbled::default() }
     }
 }
 
@@ -93,17 +95,28 @@ impl Deframer {
         for &byte in bytes {
             if self.to == ROOM {
                 self.bytes.copy_within(self.from..self.to, 0);
+                self.look_at -= self.from;
                 (self.from, self.to) = (0, self.to - self.from);
             }
             self.bytes[self.to] = byte;
             self.to += 1;
             if byte == STOP && self.frame_ends(&mut found) {
-                (self.from, self.to) = (0, 0);
+                (self.from, self.to, self.look_at) = (0, 0, 1);
+            } else if self.to >= self.look_at {
+                self.forget();
             }
-            while self.from < self.to && !may_go_on(&self.bytes[self.from..self.to]) {
-                self.from += 1;
-                self.counts.skipped_bytes += 1;
+        }
+    }
+
+    /// Forgets the bytes before the oldest start whose end may still come.
+    fn forget(&mut self) {
+        loop {
+            if let Some(length) = known_length(&self.bytes[self.from..self.to]) {
+                self.look_at = self.from + length;
+                return;
             }
+            self.from += 1;
+            self.counts.skipped_bytes += 1;
         }
     }
 
@@ -140,17 +153,21 @@ impl Deframer {
     }
 }
 
-/// Whether a frame that begins with the first of these bytes can end with a byte that is still to come.
-fn may_go_on(bytes: &[u8]) -> bool {
-    match *bytes {
-        [SHORT] | [LONG] | [LONG, _] => true,
-        [SHORT, length, ..] => length > 0 && bytes.len() < 2 + usize::from(length) + TAIL,
-        [LONG, high, low, ..] => {
-            let length = usize::from(u16::from_be_bytes([high, low]));
-            (256..=LONGEST_PAYLOAD).contains(&length) && bytes.len() < 3 + length + TAIL
-        }
-        _ => false,
-    }
+/// How many bytes a frame that begins with the first of these has at least, more than there are; `None` where there is no such frame.
+fn known_length(bytes: &[u8]) -> Option<usize> {
+    let length = match *bytes {
+        [] => 1,
+        [SHORT] => 2,
+        [LONG] | [LONG, _] => 3,
+        [SHORT, 0, ..] => return None,
+        [SHORT, length, ..] => 2 + usize::from(length) + TAIL,
+        [LONG, high, low, ..] => match usize::from(u16::from_be_bytes([high, low])) {
+            length @ 256..=LONGEST_PAYLOAD => 3 + length + TAIL,
+            _ => return None,
+        },
+        _ => return None,
+    };
+    (length > bytes.len()).then_some(length)
 }
 
 #[cfg(test)]
