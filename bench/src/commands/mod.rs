@@ -1,10 +1,12 @@
 //! The commands, one file each.
 
 mod campaign;
+mod check;
 mod compare;
 mod demo;
 mod diagnose;
 mod doctor;
+mod emulate;
 mod identify;
 mod latency;
 mod record;
@@ -33,6 +35,7 @@ pub struct Cli {
 enum Command {
     Run(run::Args),
     Campaign(campaign::Args),
+    Check(check::Args),
     Stop(stop::Args),
     Record(record::Args),
     Recover(recover::Args),
@@ -44,6 +47,7 @@ enum Command {
     Compare(compare::Args),
     Latency(latency::Args),
     Doctor(doctor::Args),
+    Emulate(emulate::Args),
 }
 
 /// Runs what the command line asks for.
@@ -51,6 +55,7 @@ pub fn run(cli: &Cli, progress: &Progress) -> Result<(), Failure> {
     match &cli.command {
         Command::Run(args) => run::run(args, progress),
         Command::Campaign(args) => campaign::run(args, progress),
+        Command::Check(args) => check::run(args, progress),
         Command::Stop(args) => stop::run(args, progress),
         Command::Record(args) => record::run(args, progress),
         Command::Recover(args) => recover::run(args, progress),
@@ -62,6 +67,7 @@ pub fn run(cli: &Cli, progress: &Progress) -> Result<(), Failure> {
         Command::Compare(args) => compare::run(args, progress),
         Command::Latency(args) => latency::run(args, progress),
         Command::Doctor(args) => doctor::run(args, progress),
+        Command::Emulate(args) => emulate::run(args, progress),
     }
 }
 

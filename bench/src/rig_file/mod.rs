@@ -1,21 +1,43 @@
-//! `rig.toml`: the device, the facts of the rig, what the supervisor enforces, the safe state.
+//! `rig.toml`: the device and its wires, the facts of the rig, what the supervisor enforces, the safe state, the budget of the wires.
+//!
+//! Everything that can be checked without hardware is checked when the file is read, and all that is wrong is said at once.
 
+mod document;
 mod limits;
+mod problems;
+mod schema;
+mod signals;
+#[cfg(test)]
+mod tests;
+mod understood;
+mod units;
+mod wires;
 
 pub(crate) use limits::{RawLimits, RawSafeState};
+pub use understood::{Mapped, Part, Understood, Wire};
 
 use crate::controller::Settings as LoopSettings;
 use crate::failure::{Failure, Kind};
 use crate::setup::Knowledge;
+use document::{Document, label, table_label};
+use drivers::wired::{AmplifierSettings, CanSettings, Settings};
 use model::{ModelFile, Parameters};
+use problems::Problems;
 use profiles::Plane;
 use recordings::RigFacts;
 use rt_core::Limits;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
+use wires::Wires;
 
-/// The rig file of the emulated rig, which is used where none is given; documents every key.
+/// The rig file of the emulated rig, which is used where none is given; documents every key but those of the wires.
 pub const EMULATED: &str = include_str!("../../rigs/emulated.toml");
+
+/// A rig file of a wired rig; documents every key of the wires.
+pub const WIRED: &str = include_str!("../../rigs/wired.toml");
+
+/// Share of a wire that a rig may use where its file does not say another.
+pub const MOST_SHARE: f64 = 0.8;
 
 /// A rig, read and checked.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,6 +52,8 @@ pub struct Rig {
     pub device: DeviceSpec,
     /// What the controller knows.
     pub knowledge: Knowledge,
+    /// Largest share of each wire that its budget may take, above 0, at most 1.
+    pub most_share: f64,
 }
 
 /// What the loop drives.
@@ -39,7 +63,7 @@ pub enum DeviceSpec {
     Emulated(Box<ModelFile>),
     /// A rig on real wires. Paths are joined to the rig file's folder; everything is checked that can be without hardware, the
     /// budget of both wires included.
-    Wired(Box<drivers::wired::Settings>),
+    Wired(Box<Settings>),
 }
 
 #[derive(Deserialize)]
@@ -49,11 +73,16 @@ struct RawRig {
     #[serde(default)]
     device: RawDevice,
     rig: Option<RawFacts>,
-    controller: Option<RawController>,
+    #[serde(default)]
+    controller: RawController,
     #[serde(default)]
     limits: RawLimits,
     #[serde(default)]
     safe_state: RawSafeState,
+    amplifier: Option<AmplifierSettings>,
+    can: Option<CanSettings>,
+    #[serde(default)]
+    budget: RawBudget,
 }
 
 #[derive(Default, Deserialize)]
@@ -64,14 +93,15 @@ struct RawDevice {
     model: Option<PathBuf>,
 }
 
-#[derive(Default, Deserialize)]
+#[derive(Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum DeviceKind {
     #[default]
     Emulated,
+    Wired,
 }
 
-#[derive(Deserialize)]
+#[derive(Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawFacts {
     inertia_kg_m2: f64,
@@ -79,7 +109,7 @@ struct RawFacts {
     u_max_v: f64,
 }
 
-#[derive(Deserialize)]
+#[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawController {
     model: Option<PathBuf>,
@@ -87,11 +117,17 @@ struct RawController {
     loops: LoopSettings,
 }
 
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawBudget {
+    most_share: Option<f64>,
+}
+
 impl Rig {
     /// The rig of this file, or the emulated one.
     ///
     /// # Errors
-    /// File, line, what was expected and what came (2).
+    /// File, line, what was expected and what came, for everything that is wrong (2).
     pub fn read(path: Option<&Path>) -> Result<Rig, Failure> {
         let Some(path) = path else { return Rig::parse(EMULATED, "the built-in rig file", Path::new("")) };
         let file = path.display().to_string();
@@ -101,19 +137,46 @@ impl Rig {
         Rig::parse(&text, &file, path.parent().unwrap_or(Path::new("")))
     }
 
-    /// The rig of this text; `file` is for messages, models are looked for in `folder`.
+    /// The rig of this text; `file` is for messages, models and database are looked for in `folder`.
+    ///
+    /// # Errors
+    /// Those of [`Rig::read`].
     pub fn parse(text: &str, file: &str, folder: &Path) -> Result<Rig, Failure> {
-        let input = |what: String| Failure::new(Kind::Input, format!("{file}: {what}"));
-        let raw: RawRig = toml::from_str(text).map_err(|error| {
-            let line = error.span().map_or(1, |span| text[..span.start.min(text.len())].matches('\n').count() + 1);
-            input(format!("line {line}: {}", error.message()))
-        })?;
-        let model = |path: &PathBuf| ModelFile::read(&folder.join(path)).map_err(|e| Failure::of(Kind::Input, &e));
-        let DeviceKind::Emulated = raw.device.kind;
-        let plant = match &raw.device.model {
-            Some(path) => model(path)?,
-            None => ModelFile::plain(Parameters::example()),
+        let mut problems = Problems::default();
+        let rig = Document::read(text, &mut problems).and_then(|document| {
+            match RawRig::deserialize(document.table.clone()) {
+                Ok(raw) => Some(Builder { document: &document, folder, problems: &mut problems }.rig(raw)),
+                // The list of keys lets pass what the types do not: it is said all the same.
+                Err(error) => {
+                    problems.add(0, error.message());
+                    None
+                }
+            }
+        });
+        problems.judge(file)?;
+        rig.ok_or_else(|| Failure::new(Kind::Internal, format!("{file}: refused without a reason")))
+    }
+}
+
+/// Makes a rig of what was written; what does not go together is noted.
+struct Builder<'a> {
+    document: &'a Document,
+    folder: &'a Path,
+    problems: &'a mut Problems,
+}
+
+impl Builder<'_> {
+    fn rig(mut self, raw: RawRig) -> Rig {
+        let kind_known = !self.document.refused("device.kind");
+        let wired = raw.device.kind == DeviceKind::Wired;
+        if kind_known {
+            self.sections(wired, &raw);
+        }
+        let plant = match (&raw.device.model, wired) {
+            (Some(path), false) => self.model(path, "device.model"),
+            _ => None,
         };
+        let plant = plant.unwrap_or_else(|| ModelFile::plain(Parameters::example()));
         let facts = match raw.rig {
             Some(RawFacts { inertia_kg_m2, gravity_nm, u_max_v }) => RigFacts { inertia_kg_m2, gravity_nm, u_max_v },
             None => {
@@ -121,83 +184,90 @@ impl Rig {
                 RigFacts { inertia_kg_m2: load.J, gravity_nm: load.G, u_max_v: pump.u_max }
             }
         };
-        let positive = [("inertia_kg_m2", facts.inertia_kg_m2), ("u_max_v", facts.u_max_v)];
-        if let Some((key, got)) = positive.into_iter().find(|(_, value)| !(value.is_finite() && *value > 0.0)) {
-            return Err(input(format!("[rig] {key}: expected a finite number above 0, got {got}")));
-        }
-        if !(facts.gravity_nm.is_finite() && facts.gravity_nm >= 0.0) {
-            return Err(input(format!(
-                "[rig] gravity_nm: expected a finite number, 0 or more, got {}",
-                facts.gravity_nm
-            )));
-        }
-        // A fraction of u_max may round up in its last digit.
-        let defaults = Limits { voltage_max_v: facts.u_max_v * (1.0 + 1e-9), ..Limits::default() };
+        // A fraction of u_max may round up in its last digit. What the file says wrongly has been said.
+        let u_max_v = if facts.u_max_v.is_finite() { facts.u_max_v } else { plant.parameters.pump.u_max };
+        let defaults = Limits { voltage_max_v: u_max_v * (1.0 + 1e-9), ..Limits::default() };
         let limits = Limits { safe_state: raw.safe_state.over(defaults.safe_state), ..raw.limits.over(defaults) };
-        // The plant of the emulated rig is known; its effects are what nobody knows.
-        let (controller_model, loops) = match raw.controller {
-            Some(RawController { model: Some(path), loops }) => (model(&path)?, loops),
-            Some(RawController { model: None, loops }) => (ModelFile::plain(plant.parameters), loops),
-            None => (ModelFile::plain(plant.parameters), LoopSettings::default()),
+        if let Err(error) = limits.validate() {
+            self.problem(&format!("limits.{}", error.field), format!("expected {}, got {}", error.expected, error.got));
+        }
+        let knowledge = self.knowledge(raw.controller, &plant, wired);
+        let most_share = raw.budget.most_share.unwrap_or(MOST_SHARE);
+
+        let device = match (raw.amplifier, raw.can) {
+            (Some(amplifier), Some(mut can)) if wired => {
+                if !can.dbc.as_os_str().is_empty() {
+                    can.dbc = self.folder.join(&can.dbc);
+                }
+                let settings = Settings { amplifier, can };
+                let u_max_v = raw.rig.map(|facts| facts.u_max_v);
+                let Builder { document, problems, .. } = self;
+                Wires { settings: &settings, limits: &limits, u_max_v, most_share, document, problems }.check();
+                DeviceSpec::Wired(Box::new(settings))
+            }
+            _ => DeviceSpec::Emulated(Box::new(plant)),
         };
-        let knowledge = Knowledge::Model(controller_model, loops);
+        Rig { name: raw.name.unwrap_or_else(|| "rig".to_owned()), facts, limits, device, knowledge, most_share }
+    }
+
+    fn problem(&mut self, path: &str, what: impl AsRef<str>) {
+        self.problems.add(self.document.line(path), format!("{}: {}", label(path), what.as_ref()));
+    }
+
+    /// Which sections a kind of device has.
+    fn sections(&mut self, wired: bool, raw: &RawRig) {
+        let wires = [("amplifier", raw.amplifier.is_some()), ("can", raw.can.is_some())];
+        let mut say = |path: &str, what: &str| {
+            let line = self.document.line(if self.document.has(path) { path } else { "device" });
+            self.problems.add(line, format!("{}: {what}", table_label(path)));
+        };
+        if wired {
+            for (section, _) in wires.into_iter().filter(|(section, there)| !there && !self.document.has(section)) {
+                say(section, "missing; expected this section for [device] kind = \"wired\"");
+            }
+            if raw.rig.is_none() && !self.document.has("rig") {
+                let what = "missing; expected inertia_kg_m2, gravity_nm and u_max_v, as a wired rig has no plant to take them from";
+                say("rig", what);
+            }
+            if self.document.has("device.model") {
+                let what = "is the plant of the emulated rig, and this device is \"wired\"; leave it out, or set [controller] model for targets of \
+                            flow, pressure and angle";
+                self.problem("device.model", what);
+            }
+        } else {
+            let others = [("budget", self.document.has("budget"))];
+            for (section, _) in wires.into_iter().chain(others).filter(|(_, there)| *there) {
+                let what = "only for [device] kind = \"wired\", and this device is \"emulated\"; set the kind, or leave the section out";
+                say(section, what);
+            }
+        }
+    }
+
+    /// What the controller knows. The plant of the emulated rig is known; its effects are what nobody knows.
+    fn knowledge(&mut self, controller: RawController, plant: &ModelFile, wired: bool) -> Knowledge {
+        let model = match &controller.model {
+            Some(path) => self.model(path, "controller.model"),
+            None if wired => None,
+            None => Some(ModelFile::plain(plant.parameters)),
+        };
+        let Some(model) = model else { return Knowledge::Nothing };
+        let knowledge = Knowledge::Model(model, controller.loops);
         for plane in [Plane::Horizontal, Plane::Vertical] {
-            knowledge.controller(plane).map_err(|failure| input(format!("[controller] {failure}")))?;
+            if let Err(failure) = knowledge.controller(plane) {
+                self.problems.add(self.document.line("controller.loops"), format!("[controller] {failure}"));
+                break;
+            }
         }
-        limits.validate().map_err(|error| input(format!("[limits] {error}")))?;
-        let device = DeviceSpec::Emulated(Box::new(plant));
-        Ok(Rig { name: raw.name.unwrap_or_else(|| "rig".to_owned()), facts, limits, device, knowledge })
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn parse(text: &str) -> Result<Rig, Failure> {
-        Rig::parse(text, "rig.toml", Path::new(""))
+        knowledge
     }
 
-    #[test]
-    fn the_built_in_file_says_what_is_the_case_without_it() {
-        let documented = Rig::read(None).expect("the built-in file is sound");
-        let mut bare = parse("name = \"emulated rig\"").expect("every key is optional");
-        // The one key that depends on another: left out, it is u_max.
-        assert!((bare.limits.voltage_max_v - bare.facts.u_max_v).abs() < 1e-6);
-        bare.limits.voltage_max_v = documented.limits.voltage_max_v;
-        assert_eq!(documented, bare);
-    }
-
-    #[test]
-    fn the_built_in_file_names_every_limit() {
-        let all = toml::to_string(&RawLimits::of(&Limits::default())).expect("plain numbers");
-        for line in all.lines() {
-            let key = line.split(' ').next().unwrap_or_default();
-            assert!(EMULATED.contains(&format!("\n{key} = ")), "{key}");
-        }
-    }
-
-    #[test]
-    fn limits_survive_being_written_and_read() {
-        let limits = Limits { slew_max_v_s: f64::INFINITY, pressure_max_bar: 1.0 / 3.0 + 5.0, ..Limits::default() };
-        let text = toml::to_string(&RawLimits::of(&limits)).expect("plain numbers");
-        let read: RawLimits = toml::from_str(&text).expect("as written");
-        assert_eq!(read.over(Limits::default()), limits);
-    }
-
-    #[test]
-    fn a_bad_file_is_named_with_line_and_reason() {
-        for (text, expected) in [
-            ("name = \"a\"\n[limits]\npresure_max_bar = 3.0\n", "rig.toml: line 3"),
-            ("[limits]\npressure_max_bar = 0.1\n", "above pressure_min_bar"),
-            ("[safe_state]\nbrake = \"ajar\"\n", "line 2"),
-            ("[rig]\ninertia_kg_m2 = 0.0\ngravity_nm = 1\nu_max_v = 24\n", "inertia_kg_m2"),
-            ("[device]\nkind = \"can\"\n", "line 2"),
-            ("[device]\nmodel = \"nowhere.toml\"\n", "nowhere.toml"),
-        ] {
-            let failure = parse(text).expect_err(text);
-            assert_eq!(failure.exit_code(), 2);
-            assert!(failure.message.contains(expected), "{text}: {failure}");
+    fn model(&mut self, path: &Path, key: &str) -> Option<ModelFile> {
+        match ModelFile::read(&self.folder.join(path)) {
+            Ok(model) => Some(model),
+            Err(error) => {
+                self.problem(key, Failure::of(Kind::Input, &error).message);
+                None
+            }
         }
     }
 }
