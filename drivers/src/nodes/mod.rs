@@ -149,6 +149,7 @@ pub enum EmulatorError {
 }
 
 /// An emulated rig on the wires, in a thread of its own. Dropped, it goes away as if it had been unplugged.
+#[derive(Debug)]
 pub struct Emulator {
     port: PathBuf,
     orders: mpsc::UnboundedSender<Order>,
@@ -157,8 +158,10 @@ pub struct Emulator {
 }
 
 /// What the thread is told.
+#[derive(Debug)]
 enum Order {
-    Trouble(Trouble),
+    /// With whom to tell that it is so.
+    Trouble(Trouble, std::sync::mpsc::Sender<()>),
     Stop,
 }
 
@@ -212,10 +215,13 @@ impl Emulator {
         &self.port
     }
 
-    /// From now on this is wrong, or right again.
+    /// This is wrong, or right again, for all that is sent to the rig after the return.
     pub fn inject(&self, trouble: Trouble) {
-        // A thread that has ended has no trouble any more.
-        let _ = self.orders.send(Order::Trouble(trouble));
+        let (taken, wait) = std::sync::mpsc::channel();
+        // A thread that has ended has no trouble any more: it has dropped its end.
+        if self.orders.send(Order::Trouble(trouble, taken)).is_ok() {
+            let _ = wait.recv();
+        }
     }
 
     /// What it did so far.

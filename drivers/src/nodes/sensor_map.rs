@@ -1,5 +1,6 @@
 //! What the nodes send: `[can.sensors]` and `[[can.heartbeat]]` from the other end. A sensor with a counter answers every SYNC; a
-//! message without one is sent every `GenMsgCycleTime`, a heartbeat as often as the rig file expects it.
+//! message without one and the heartbeats are sent every `GenMsgCycleTime` (a heartbeat without it twice in the time that the rig file
+//! allows).
 //!
 //! Calibration is inverted: a node sends (value - offset) / gain. What else the database has the same nodes send is sent too, with the
 //! signals below filled in by name and all others 0; of multiplexed signals a page at a time.
@@ -89,7 +90,8 @@ impl SensorMap {
             };
             let message = database.message(&heartbeat.message).ok_or_else(missing)?;
             if !map.sent.iter().any(|sent| sent.frame.id == message.id) {
-                map.add_cyclic(message, heartbeat.period_ms);
+                // The rig file says how long it may be silent at most.
+                map.add_cyclic(message, message.cycle_time_ms.unwrap_or(0.5 * heartbeat.period_ms));
             }
         }
         let nodes: BTreeSet<&str> =

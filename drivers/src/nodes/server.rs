@@ -4,6 +4,7 @@ use super::plant::News;
 use super::{CommandMap, EmulatorError, Order, Plant, SensorMap, Statistics, Trouble, motor};
 use crate::amplifier::{Drive, DriveState, Outbox};
 use crate::can::{End, Frame, FrameId, Heard, Interface, Port, TimedFrame, Wanted};
+use crate::emulated::Pump;
 use crate::journal::{Journal, Severity, When};
 use crate::serial::{AsyncPty, Pty};
 use rt_core::system::time::monotonic_ns;
@@ -121,7 +122,11 @@ impl Server {
                     }
                 },
                 order = orders.recv() => match order {
-                    Some(Order::Trouble(trouble)) => self.suffer(trouble),
+                    Some(Order::Trouble(trouble, taken)) => {
+                        self.suffer(trouble);
+                        // Nobody has to wait for it.
+                        let _ = taken.send(());
+                    }
                     Some(Order::Stop) | None => return,
                 },
                 read = self.pty.read(&mut bytes) => match read {
@@ -188,7 +193,9 @@ impl Server {
         }
         let now_ns = monotonic_ns();
         self.wiring.plant.poll(now_ns);
-        let mut telemetry = motor::telemetry(&self.wiring.plant.pump(), self.wiring.supply_v);
+        // The newest voltage is at the motor already; the plant is told when its tick comes.
+        let pump = Pump { voltage_v: self.voltage_v, ..self.wiring.plant.pump() };
+        let mut telemetry = motor::telemetry(&pump, self.wiring.supply_v);
         telemetry.fault = self.troubles.fault;
         let mut out = Outbox::new();
         let commanded = self.wiring.drive.hear(bytes, now_ns, &DriveState { telemetry }, &mut out);

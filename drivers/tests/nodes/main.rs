@@ -1,5 +1,9 @@
 //! The emulated rig on the wires: its plant in virtual time, and the whole over a pty and a bus.
 #![allow(clippy::unwrap_used, reason = "a test")]
 
+mod bench;
 mod plant;
 mod rig;
+#[path = "../vcan/mod.rs"]
+mod vcan;
+mod wires;
