@@ -78,7 +78,7 @@ const WRONG: [(&str, &str, usize, &[&str]); 30] = [
         "BO_ 417 VALVES",
         "BO_ 416 VALVES",
         11,
-        &["identifier 1A0", "LOOP (sent by SENSORS, line 5)", "VALVES (sent by BENCH)", "another identifier"],
+        &["identifier 1A0", "LOOP (sent by SENSORS, line 5)", "VALVES (sent by BENCH, line 11)", "another identifier"],
     ),
     ("417 VALVES:", "417 LOOP:", 11, &["two messages have the name LOOP", "line 5", "rename"]),
     ("BO_ 417 VALVES", "BO_ 2048 VALVES", 11, &["0..=2047 (11 bits)", "got 2048", "add 2147483648"]),

@@ -33,7 +33,7 @@ pub(super) fn messages(dbc: &Dbc, places: &Places) -> Result<Vec<Message>, Wrong
         let at = |problem| (place.line, problem);
         let wrong_id = || at(Problem::Identifier { got: place.id.to_string() });
         let id = frame_id(place.id).ok_or_else(wrong_id)?;
-        check_against_others(&messages, &lines, id, message).map_err(at)?;
+        check_against_others(&messages, &lines, id, message, place.line).map_err(at)?;
         for (i, signal) in message.signals.iter().enumerate() {
             if let Some(first) = message.signals[..i].iter().position(|s| s.name == signal.name) {
                 let (signal, first_line) = (format!("{}.{}", message.name, signal.name), signal_lines[first]);
@@ -109,17 +109,14 @@ fn check_against_others(
     lines: &[usize],
     id: FrameId,
     message: &can_dbc::Message,
+    line: usize,
 ) -> Result<(), Problem> {
-    let sender = |sender: &Option<String>| sender.clone().unwrap_or_else(|| "no named node".to_owned());
     if let Some(k) = others.iter().position(|o| o.id == id) {
-        return Err(Problem::SameId {
-            id,
-            first: others[k].name.clone(),
-            first_sender: sender(&others[k].sender),
-            first_line: lines[k],
-            second: message.name.clone(),
-            second_sender: sender(&message.transmitter),
-        });
+        let told = |name: &str, sender: &Option<String>, line: usize| {
+            format!("{name} (sent by {}, line {line})", sender.as_deref().unwrap_or("no named node"))
+        };
+        let first = told(&others[k].name, &others[k].sender, lines[k]);
+        return Err(Problem::SameId { id, first, second: told(&message.name, &message.transmitter, line) });
     }
     if let Some(k) = others.iter().position(|o| o.name == message.name) {
         return Err(Problem::SameMessage { name: message.name.clone(), first_line: lines[k] });

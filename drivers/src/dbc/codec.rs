@@ -10,6 +10,10 @@ const NAME_BYTES: usize = 32;
 /// Most conditions that one signal can depend on.
 pub(super) const MOST_GATES: usize = 4;
 
+/// Added before truncation it rounds to the nearest, ties away from 0: the largest double below 0.5, for 0.5 itself would carry the value
+/// before 0.5 and odd values beyond 2^52 too far. `f64::round` would be a call on processors of the base architecture.
+const HALF: f64 = 0.5f64.next_down();
+
 /// A signal that can't take a value, or a frame that has no room for the signal. Made without allocation.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum OutOfRange {
@@ -42,14 +46,15 @@ pub enum OutOfRange {
 pub(super) struct Field {
     /// Motorola: the word is read with the first byte as its highest.
     big_endian: bool,
-    /// From the word's lowest bit to the field's lowest.
+    /// From the word's lowest bit to the field's lowest, 0..=63.
     shift: u8,
-    /// 1..=64.
-    width: u8,
+    /// Bits of a word that the field has not, 0..=63.
+    unused: u8,
     /// Bytes that a frame must have to hold it, 1..=8.
     bytes: u8,
 }
 
+// Shifts are masked with 63 where they are used: they are below 64 by construction, and the mask spares the loop the check.
 impl Field {
     /// A field as the file describes it: `start` is the number of its lowest bit in Intel order, that of its highest in Motorola order;
     /// bit n is bit n mod 8 of byte n / 8. `None` where it does not lie in 8 bytes, or has not 1 to 64 bits.
@@ -65,16 +70,22 @@ impl Field {
         }
         // All at most 64.
         let shift = if big_endian { 64 - end } else { first } as u8;
-        Some(Field { big_endian, shift, width: width as u8, bytes: end.div_ceil(8) as u8 })
+        Some(Field { big_endian, shift, unused: (64 - width) as u8, bytes: end.div_ceil(8) as u8 })
     }
 
     pub(super) fn bytes(&self) -> usize {
         usize::from(self.bytes)
     }
 
+    /// Number of its bits, 1..=64.
+    fn width(&self) -> i32 {
+        64 - i32::from(self.unused)
+    }
+
     /// The largest raw value.
+    #[inline]
     pub(super) fn mask(&self) -> u64 {
-        u64::MAX >> (64 - u32::from(self.width))
+        u64::MAX >> (self.unused & 63)
     }
 
     /// Its bits in the little-endian word of a frame.
@@ -83,48 +94,60 @@ impl Field {
         if self.big_endian { bits.swap_bytes() } else { bits }
     }
 
-    /// Whether a frame with this data holds it.
-    fn fits(&self, data: &[u8]) -> bool {
-        data.len() >= self.bytes()
-    }
-
     /// Its raw value; `word` is a frame's data, little-endian, 0 beyond its end.
     #[inline]
     fn read(&self, word: u64) -> u64 {
         let word = if self.big_endian { word.swap_bytes() } else { word };
-        (word >> self.shift) & self.mask()
+        (word >> (self.shift & 63)) & self.mask()
+    }
+
+    /// The same with the highest bit as sign.
+    #[inline]
+    fn read_signed(&self, word: u64) -> i64 {
+        let unused = self.unused & 63;
+        ((self.read(word) << unused) as i64) >> unused
     }
 
     /// The word with this raw value put in; other bits stay.
     #[inline]
     fn put(&self, word: u64, raw: u64) -> u64 {
-        let word = if self.big_endian { word.swap_bytes() } else { word };
-        let (mask, raw) = (self.mask() << self.shift, (raw & self.mask()) << self.shift);
-        let word = (word & !mask) | raw;
-        if self.big_endian { word.swap_bytes() } else { word }
+        let (mask, raw) = (self.mask() << (self.shift & 63), (raw & self.mask()) << (self.shift & 63));
+        let (mask, raw) = if self.big_endian { (mask.swap_bytes(), raw.swap_bytes()) } else { (mask, raw) };
+        (word & !mask) | raw
     }
 }
 
-/// The first 8 bytes, little-endian; 0 where the data has ended.
+/// The first 8 bytes, little-endian; 0 where the data has ended. Short data by two words that overlap: a copy of unknown length would cost
+/// more than all the rest.
 #[inline]
 fn load(data: &[u8]) -> u64 {
     if let Some(all) = data.first_chunk::<FRAME_BYTES>() {
         return u64::from_le_bytes(*all);
     }
-    let mut bytes = [0; FRAME_BYTES];
-    bytes[..data.len()].copy_from_slice(data);
-    u64::from_le_bytes(bytes)
+    if let (Some(low), Some(high)) = (data.first_chunk::<4>(), data.last_chunk::<4>()) {
+        let above = 8 * (data.len() - 4) as u32;
+        return u64::from(u32::from_le_bytes(*low)) | u64::from(u32::from_le_bytes(*high)) << (above & 63);
+    }
+    data.iter().rev().fold(0, |word, byte| word << 8 | u64::from(*byte))
 }
 
 /// Writes the word over the first 8 bytes, or as many as there are.
 #[inline]
 fn store(data: &mut [u8], word: u64) {
-    let bytes = word.to_le_bytes();
     if let Some(all) = data.first_chunk_mut::<FRAME_BYTES>() {
-        *all = bytes;
-    } else {
-        let length = data.len();
-        data.copy_from_slice(&bytes[..length]);
+        *all = word.to_le_bytes();
+        return;
+    }
+    let above = 8 * data.len().saturating_sub(4) as u32;
+    if let Some(low) = data.first_chunk_mut::<4>() {
+        *low = (word as u32).to_le_bytes();
+        if let Some(high) = data.last_chunk_mut::<4>() {
+            *high = ((word >> (above & 63)) as u32).to_le_bytes();
+        }
+        return;
+    }
+    for (byte, new) in data.iter_mut().zip(word.to_le_bytes()) {
+        *byte = new;
     }
 }
 
@@ -162,7 +185,8 @@ pub struct Codec {
     gate_count: u8,
     factor: f64,
     offset: f64,
-    /// Of an integer: one more than the highest raw value. A power of two, hence exact where the highest is not.
+    /// Of an integer: the raw values before truncation are between these two, which themselves are beyond.
+    below_raw: f64,
     beyond_raw: f64,
     name: ArrayString<NAME_BYTES>,
     /// The outermost multiplexor first.
@@ -188,8 +212,15 @@ impl Codec {
         let never = Gate { multiplexor: field, lowest: 1, highest: 0, or_next: false };
         let mut table = [never; MOST_GATES];
         table[..gates.len()].copy_from_slice(gates);
-        let beyond_raw = 2f64.powi(i32::from(field.width) - i32::from(kind == Kind::Signed));
-        Codec { field, kind, bytes, gate_count: gates.len() as u8, factor, offset, beyond_raw, name: cut, gates: table }
+        // A power of two, hence exact where the highest value itself is not.
+        let beyond_raw = 2f64.powi(field.width() - i32::from(kind == Kind::Signed));
+        let below_raw = match kind {
+            // One less than the lowest, or the next double where that is none.
+            Kind::Signed => (-beyond_raw - 1.0).min((-beyond_raw).next_down()),
+            _ => -1.0,
+        };
+        let gate_count = gates.len() as u8;
+        Codec { field, kind, bytes, gate_count, factor, offset, below_raw, beyond_raw, name: cut, gates: table }
     }
 
     /// The value in this frame, in the signal's unit; `None` where the frame is too short, or the signal is not in it by what its
@@ -203,16 +234,12 @@ impl Codec {
         if self.gate_count > 0 && !self.is_open(word) {
             return None;
         }
-        let raw = self.field.read(word);
         let unscaled = match self.kind {
-            Kind::Unsigned => raw as f64,
-            Kind::Signed => {
-                let unused = 64 - u32::from(self.field.width);
-                (((raw << unused) as i64) >> unused) as f64
-            }
+            Kind::Unsigned => self.field.read(word) as f64,
+            Kind::Signed => self.field.read_signed(word) as f64,
             // Has 32 bits.
-            Kind::Float => f64::from(f32::from_bits(raw as u32)),
-            Kind::Double => f64::from_bits(raw),
+            Kind::Float => f64::from(f32::from_bits(self.field.read(word) as u32)),
+            Kind::Double => f64::from_bits(self.field.read(word)),
         };
         Some(unscaled * self.factor + self.offset)
     }
@@ -224,7 +251,7 @@ impl Codec {
     /// A value beyond [`Codec::range`], NaN or infinity for an integer, a frame too short; the frame is then unchanged.
     #[inline]
     pub fn encode(&self, physical: f64, data: &mut [u8]) -> Result<(), OutOfRange> {
-        if !self.field.fits(data) {
+        if data.len() < self.field.bytes() {
             return Err(self.short(data, self.field.bytes()));
         }
         let Some(raw) = self.raw(physical) else { return Err(self.beyond(physical)) };
@@ -274,10 +301,9 @@ impl Codec {
 
     /// Lowest and highest finite value that the bits can hold, in the signal's unit.
     pub fn range(&self) -> (f64, f64) {
-        let width = i32::from(self.field.width);
         let (low, high) = match self.kind {
             Kind::Unsigned => (0.0, self.field.mask() as f64),
-            Kind::Signed => (-(2f64.powi(width - 1)), (self.field.mask() >> 1) as f64),
+            Kind::Signed => (-self.beyond_raw, (self.field.mask() >> 1) as f64),
             Kind::Float => (f64::from(f32::MIN), f64::from(f32::MAX)),
             Kind::Double => (f64::MIN, f64::MAX),
         };
@@ -313,14 +339,13 @@ impl Codec {
     fn raw(&self, physical: f64) -> Option<u64> {
         let unscaled = (physical - self.offset) / self.factor;
         match self.kind {
-            Kind::Unsigned => {
-                let rounded = unscaled.round();
-                // NaN is in no range.
-                (rounded >= 0.0 && rounded < self.beyond_raw).then_some(rounded as u64)
-            }
-            Kind::Signed => {
-                let rounded = unscaled.round();
-                (rounded >= -self.beyond_raw && rounded < self.beyond_raw).then_some(rounded as i64 as u64)
+            // NaN is in no range.
+            Kind::Unsigned | Kind::Signed => {
+                let untruncated = unscaled + HALF.copysign(unscaled);
+                if !(untruncated > self.below_raw && untruncated < self.beyond_raw) {
+                    return None;
+                }
+                Some(if self.kind == Kind::Signed { untruncated as i64 as u64 } else { untruncated as u64 })
             }
             Kind::Float => {
                 let float = unscaled as f32;

@@ -15,8 +15,8 @@ pub struct Database {
     /// For messages.
     file: String,
     messages: Vec<Message>,
-    /// By ascending identifier, with the place in `messages`.
-    ids: Vec<(FrameId, usize)>,
+    /// Ascending [`key`]s of the identifiers, with the place in `messages`.
+    ids: Vec<(u32, usize)>,
 }
 
 /// A message of the database.
@@ -94,7 +94,7 @@ impl Database {
             line,
             problem,
         })?;
-        let mut ids: Vec<(FrameId, usize)> = messages.iter().enumerate().map(|(i, m)| (m.id, i)).collect();
+        let mut ids: Vec<(u32, usize)> = messages.iter().enumerate().map(|(i, m)| (key(m.id), i)).collect();
         ids.sort_unstable();
         Ok(Database { file: file.to_owned(), messages, ids })
     }
@@ -111,6 +111,7 @@ impl Database {
 
     /// The message with that identifier. Allocates nothing.
     pub fn by_id(&self, id: FrameId) -> Option<&Message> {
+        let id = key(id);
         let found = self.ids.binary_search_by_key(&id, |(id, _)| *id).ok()?;
         Some(&self.messages[self.ids[found].1])
     }
@@ -149,6 +150,14 @@ impl Database {
             let existing = list(message.signal_names(), "signals");
             DbcError::NoSignal { file, message: message_name, got: name.to_owned(), nearest, existing }
         })
+    }
+}
+
+/// Both kinds of identifiers as one number, as the file has them.
+fn key(id: FrameId) -> u32 {
+    match id {
+        FrameId::Standard(id) => u32::from(id),
+        FrameId::Extended(id) => id | 1 << 31,
     }
 }
 

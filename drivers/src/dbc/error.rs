@@ -91,19 +91,9 @@ pub enum Problem {
          2147483648"
     )]
     Identifier { got: String },
-    /// Two nodes with the same identifier.
-    #[error(
-        "two messages have the identifier {id}: {first} (sent by {first_sender}, line {first_line}) and {second} (sent by \
-         {second_sender}): give one of these nodes another identifier"
-    )]
-    SameId {
-        id: FrameId,
-        first: String,
-        first_sender: String,
-        first_line: usize,
-        second: String,
-        second_sender: String,
-    },
+    /// Two nodes with the same identifier. Each message with its sender and line.
+    #[error("two messages have the identifier {id}: {first} and {second}: give one of these nodes another identifier")]
+    SameId { id: FrameId, first: String, second: String },
     /// Two messages with one name.
     #[error("two messages have the name {name}, the first one in line {first_line}: rename one")]
     SameMessage { name: String, first_line: usize },

@@ -24,7 +24,7 @@ pub(super) struct Extended<'a> {
 /// What must hold for a signal to be in the frame: each of these multiplexors (by its place in the message) in one of its ranges.
 /// The outermost multiplexor is first.
 #[derive(Clone, Default)]
-pub(super) struct Condition(Vec<(usize, Vec<(u64, u64)>)>);
+pub(super) struct Condition(Vec<Switch>);
 
 impl Condition {
     /// Whether no frame can hold both.
@@ -90,7 +90,9 @@ pub(super) fn conditions(
     Ok(conditions)
 }
 
-type Parent = Option<(usize, Vec<(u64, u64)>)>;
+type Parent = Option<Switch>;
+/// A multiplexor's place in the message, and its values.
+type Switch = (usize, Vec<(u64, u64)>);
 
 /// The multiplexor on which signal `i` depends directly, and its values.
 fn parent(
@@ -118,22 +120,22 @@ fn parent(
             };
         }
     };
-    let mut found: Option<(usize, Vec<(u64, u64)>, usize)> = None;
+    let mut found: Option<(Switch, usize)> = None;
     for entry in by_file {
         let Some(multiplexor) = signals.iter().position(|s| s.name == entry.multiplexor) else {
             let got = format!("{message}.{}", entry.multiplexor);
             return Err((entry.line, Problem::Reference { keyword: "SG_MUL_VAL_", got }));
         };
         match &mut found {
-            Some((first, ranges, _)) if *first == multiplexor => ranges.extend(&entry.ranges),
-            Some((first, ..)) => {
+            Some(((first, ranges), _)) if *first == multiplexor => ranges.extend(&entry.ranges),
+            Some(((first, _), _)) => {
                 let (first, second) = (signals[*first].name.to_owned(), entry.multiplexor.to_owned());
                 return Err((entry.line, Problem::TwoMultiplexors { signal: path(), first, second }));
             }
-            None => found = Some((multiplexor, entry.ranges.clone(), entry.line)),
+            None => found = Some(((multiplexor, entry.ranges.clone()), entry.line)),
         }
     }
-    let (multiplexor, ranges, line) = match (found, value) {
+    let ((multiplexor, ranges), line) = match (found, value) {
         (Some(found), _) => found,
         (None, None) => return Ok(None),
         (None, Some(value)) => {
@@ -146,7 +148,7 @@ fn parent(
             });
             match (switches.next(), switches.next()) {
                 (None, _) => return Err((line, Problem::NoMultiplexor { signal: path() })),
-                (Some(only), None) => (only, vec![(value, value)], line),
+                (Some(only), None) => ((only, vec![(value, value)]), line),
                 (Some(a), Some(b)) => {
                     let (first, second) = (signals[a].name.to_owned(), signals[b].name.to_owned());
                     return Err((line, Problem::TwoMultiplexors { signal: path(), first, second }));
