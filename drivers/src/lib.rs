@@ -10,12 +10,14 @@
 //! | [`can`] | frames, and the thread that owns the bus |
 //! | [`budget`] | what a configuration asks of its wires |
 //! | [`nodes`] | the emulated rig at the other end of both wires |
+//! | [`contract`] | what every device owes the loop, as tests for any device |
 //! | [`faults`] | seeded fault injection around any device |
 //! | [`exchange`] | hand-over between the loop and the I/O threads: the newest value wins |
 //! | [`journal`] | what happened in a driver, for the recording |
 pub mod amplifier;
 pub mod budget;
 pub mod can;
+pub mod contract;
 pub mod dbc;
 pub mod emulated;
 pub mod exchange;

@@ -280,10 +280,11 @@ impl<D: Device> Device for Faulty<D> {
         });
         if let Some((fault, code)) = faulty {
             fault.struck();
+            // As the wired rig says it.
             let what = format!(
-                "expected an amplifier without a fault, got fault code {code} (injected); it is at 0 V until it is armed"
+                "expected no fault, got fault code {code} (injected); remove its cause, then start the run again"
             );
-            return Err(DeviceError { device: "pump amplifier", tick: now.index, what });
+            return Err(DeviceError { device: "amplifier", tick: now.index, what });
         }
         Ok(measured)
     }
