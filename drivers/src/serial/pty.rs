@@ -193,3 +193,119 @@ impl AsyncWrite for AsyncPty {
         Poll::Ready(Ok(()))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "a test")]
+
+    use super::*;
+    use std::fs::{self, File, OpenOptions};
+    use std::io::{Read, Write};
+    use std::time::{Duration, Instant};
+
+    fn port(path: &Path) -> File {
+        OpenOptions::new().read(true).write(true).open(path).unwrap()
+    }
+
+    /// Bytes that the master end gets, waiting for them.
+    fn got(pty: &Pty, count: usize) -> Vec<u8> {
+        let (start, mut all, mut bytes) = (Instant::now(), vec![], [0; 64]);
+        while all.len() < count {
+            assert!(start.elapsed() < Duration::from_secs(30), "{} of {count} bytes", all.len());
+            match pty.try_read(&mut bytes) {
+                Ok(read) => all.extend_from_slice(&bytes[..read]),
+                Err(e) => assert_eq!(e.kind(), ErrorKind::WouldBlock),
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        all
+    }
+
+    #[test]
+    fn every_byte_passes_both_ways_and_none_echoes() {
+        let pty = Pty::open(None).unwrap();
+        let every: Vec<u8> = (0..=255).collect();
+        let mut port = port(pty.slave());
+        port.write_all(&every).unwrap();
+        assert_eq!(got(&pty, 256), every);
+        assert_eq!(pty.try_write(&every).unwrap(), 256);
+        let mut back = [0; 256];
+        port.read_exact(&mut back).unwrap();
+        assert_eq!(back.to_vec(), every);
+        assert_eq!(pty.try_read(&mut back).unwrap_err().kind(), ErrorKind::WouldBlock, "an echo");
+    }
+
+    #[test]
+    fn it_is_quiet_before_and_between_those_who_open_it() {
+        let pty = Pty::open(None).unwrap();
+        for _ in 0..3 {
+            assert_eq!(pty.try_read(&mut [0]).unwrap_err().kind(), ErrorKind::WouldBlock);
+            port(pty.slave()).write_all(&[7]).unwrap();
+            assert_eq!(got(&pty, 1), [7]);
+        }
+    }
+
+    #[test]
+    fn the_speed_is_what_the_other_side_set() {
+        let pty = Pty::open(None).unwrap();
+        assert_eq!(pty.speed_baud(), None);
+        let port = port(pty.slave());
+        for baud in [9_600, 460_800, 3_000_000] {
+            let mut termios = tcgetattr(&port).unwrap();
+            termios.set_speed(baud).unwrap();
+            tcsetattr(&port, OptionalActions::Now, &termios).unwrap();
+            assert_eq!(pty.speed_baud(), Some(baud));
+        }
+    }
+
+    #[test]
+    fn a_link_is_made_replaced_and_removed_only_if_it_is_ours() {
+        let folder = tempfile::tempdir().unwrap();
+        let link = folder.path().join("amplifier");
+        let pty = Pty::open(Some(&link)).unwrap();
+        assert_eq!((read_link(&link).unwrap(), pty.path()), (pty.slave().to_owned(), &*link));
+        let second = Pty::open(Some(&link)).unwrap_err();
+        assert!(second.to_string().contains("is it in use?"), "{second}");
+        drop(pty);
+        assert!(read_link(&link).is_err(), "it was removed");
+
+        // What was left behind by a program that was killed.
+        symlink("/dev/pts/99999999", &link).unwrap();
+        let pty = Pty::open(Some(&link)).unwrap();
+        assert_eq!(read_link(&link).unwrap(), pty.slave());
+        remove_file(&link).unwrap();
+        symlink("/nowhere", &link).unwrap();
+        drop(pty);
+        assert_eq!(read_link(&link).unwrap(), Path::new("/nowhere"), "somebody else's stays");
+        assert_eq!(Pty::open(Some(&link)).unwrap_err().kind(), ErrorKind::AlreadyExists);
+
+        let file = folder.path().join("file");
+        fs::write(&file, "precious").unwrap();
+        assert_eq!(Pty::open(Some(&file)).unwrap_err().kind(), ErrorKind::AlreadyExists);
+        assert_eq!(fs::read_to_string(&file).unwrap(), "precious");
+    }
+
+    #[test]
+    fn on_a_runtime_it_waits_for_bytes_and_for_room() {
+        use tokio::io::{AsyncReadExt, AsyncWriteExt};
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        runtime.block_on(async {
+            let pty = Pty::open(None).unwrap();
+            let mut port = port(pty.slave());
+            let mut pty = pty.into_async().unwrap();
+            // More than the kernel has room for, so that both ends wait for each other.
+            let sent: Vec<u8> = (0..100_000u32).map(|n| (n % 251) as u8).collect();
+            let there = sent.clone();
+            let other = std::thread::spawn(move || {
+                port.write_all(&there).unwrap();
+                let mut back = vec![0; there.len()];
+                port.read_exact(&mut back).unwrap();
+                back
+            });
+            let mut got = vec![0; sent.len()];
+            pty.read_exact(&mut got).await.unwrap();
+            pty.write_all(&got).await.unwrap();
+            assert_eq!(other.join().unwrap(), sent);
+        });
+    }
+}
