@@ -240,6 +240,10 @@ impl Playback {
 }
 
 impl Reference for Playback {
+    fn fixture_at_start(&self) -> Fixture {
+        self.state.fixture
+    }
+
     fn step(&mut self, now: Tick, measured: &Measurement) -> Step {
         self.advance(now, measured);
         let (index, tick, last) = match self.position {

@@ -72,11 +72,12 @@ pub fn run(stages: Stages<'_>, run: Run) -> Result<RunReport, LoopError> {
     if let Some(trip) = stages.supervisor.trip() {
         return Err(LoopError::StillTripped { run: run.number, trip: *trip });
     }
+    let fixture = stages.reference.fixture_at_start();
     let mut cycle = Cycle {
         stages,
         run,
         statistics: Statistics::default(),
-        acting: (Fixture::Free, 0),
+        acting: (fixture, 0),
         done_ns: 0,
         skipped: 0,
         overrun: false,

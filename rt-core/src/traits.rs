@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::types::{Command, Measurement, Tick};
+use crate::types::{Command, Fixture, Measurement, Tick};
 
 /// What somebody outside the loop asks for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -122,7 +122,7 @@ pub struct Step {
     /// Valve parallel to the pump.
     pub bypass_open: bool,
     /// The operator's part.
-    pub fixture: crate::types::Fixture,
+    pub fixture: Fixture,
     /// Counts the set points of the protocol.
     pub segment: u32,
     /// Active step of the profile, counted through its unrolled loops from 0.
@@ -167,6 +167,10 @@ pub enum ControlledPressure {
 
 /// A profile: what is wanted at each tick. Deterministic; may look at the measurement ("until the angle reaches ...").
 pub trait Reference {
+    /// What holds the lever before the first tick: kept where the device fails before any command was written.
+    fn fixture_at_start(&self) -> Fixture {
+        Fixture::Free
+    }
     /// The step of this tick. Called once a tick, in order.
     fn step(&mut self, now: Tick, measured: &Measurement) -> Step;
 }

@@ -204,6 +204,16 @@ fn a_device_that_fails_is_made_safe_and_the_run_is_closed() {
 }
 
 #[test]
+fn a_device_that_fails_at_once_opens_no_clamp() {
+    let mut rig = Rig::new(100, 1.0);
+    rig.tank.fail_read_at = Some(0);
+    rig.script.fixture = |_| Fixture::Clamped { angle_deg: 9.0 };
+    rig.run_in_lockstep(0).unwrap_err();
+    let safe = SafeState::default().command(Fixture::Clamped { angle_deg: 9.0 }, 0);
+    assert_eq!(rig.tank.written, [(0, safe)]);
+}
+
+#[test]
 fn a_safe_state_that_can_not_be_written_at_the_end_is_an_error() {
     let mut rig = Rig::new(10, 1.0);
     rig.tank.fail_write_at = Some(10);

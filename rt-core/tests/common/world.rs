@@ -163,6 +163,10 @@ pub struct Script {
 }
 
 impl Reference for Script {
+    fn fixture_at_start(&self) -> Fixture {
+        (self.fixture)(0)
+    }
+
     fn step(&mut self, now: Tick, _measured: &Measurement) -> Step {
         self.world.called("reference", At::Reference, now);
         Step {
