@@ -329,7 +329,8 @@ fn every_module_of_the_list_is_spoken_to() {
         );
         settings.tmcl.module_address = 9;
         let mut other = (kind.client)(&settings).unwrap();
-        (pair.out.clear(), pair.back.clear());
+        pair.out.clear();
+        pair.back.clear();
         other.command(3.0, &mut pair.out);
         assert_eq!(pair.drive.hear(pair.out.bytes(), 0, &pair.state, &mut pair.back), None);
         assert!(pair.back.is_empty());
