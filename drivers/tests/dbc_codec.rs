@@ -126,6 +126,7 @@ proptest! {
         // One byte less than it needs is too short, whatever the message's length.
         let needed = (layout.first + layout.width).div_ceil(8);
         prop_assert_eq!(codec.bytes_needed(), needed);
+        prop_assert_eq!(codec.bits(), layout.bits().iter().fold(0, |mask, bit| mask | 1 << bit));
         prop_assert_eq!(codec.decode(&data[..needed - 1]), None);
         prop_assert!(same(codec.decode(&data[..needed]).unwrap(), expected));
     }
@@ -168,15 +169,38 @@ proptest! {
         let codec = layout.codec();
         let data = &data[..layout.length];
         let value = codec.decode(data).unwrap();
-        // A double holds neither every integer beyond 2^53 nor every sum of a float and an offset.
+        let mut again = data.to_vec();
+        let encoded = codec.encode(value, &mut again);
+        // A double holds neither every sum of a float and an offset nor every integer beyond 2^53; the nearest one is never refused.
         let exact = if layout.is_float() { layout.factor == 1.0 && layout.offset == 0.0 } else { layout.width <= 36 };
-        if !exact || value.is_nan() {
+        if !exact {
+            let slack = 1e-15 * (value.abs() + layout.offset.abs());
+            let got = codec.decode(&again).unwrap();
+            prop_assert!(layout.is_float() || encoded.is_ok(), "{:?}", encoded);
+            prop_assert!(layout.is_float() || (got - value).abs() <= slack, "{} gave {}", value, got);
+        } else if !value.is_nan() {
+            prop_assert_eq!(encoded, Ok(()));
+            // The two zeros of a float are the same value.
+            prop_assert!(again == data || value == 0.0, "{:?} {:?}", again, data);
+        }
+    }
+
+    #[test]
+    fn the_ends_of_the_range_survive(layout in layouts(), data in any::<[u8; 8]>()) {
+        let codec = layout.codec();
+        let (minimum, maximum) = codec.range();
+        if layout.is_float() {
             return Ok(());
         }
-        let mut again = data.to_vec();
-        codec.encode(value, &mut again).unwrap();
-        // The two zeros of a float are the same value.
-        prop_assert!(again == data || value == 0.0, "{:?} {:?}", again, data);
+        let (low, high) = layout.integers();
+        let ends = if layout.factor > 0.0 { [(minimum, low), (maximum, high)] } else { [(minimum, high), (maximum, low)] };
+        for (value, raw) in ends {
+            let mut data = data;
+            prop_assert_eq!(codec.encode(value, &mut data), Ok(()));
+            let got = layout.raw(&data) as i128 - if layout.kind == Kind::Signed && raw < 0 { 1i128 << layout.width } else { 0 };
+            // Offset and factor cost digits.
+            prop_assert!((got - raw).abs() as f64 <= 1e-14 * (raw.abs() as f64 + (layout.offset / layout.factor).abs()), "{got} {raw}");
+        }
     }
 
     #[test]

@@ -21,8 +21,9 @@ const PACKAGES: [&str; 2] = ["cantools==45.1.0", "python-can==4.6.1"];
 /// Frames of each database in each direction.
 const FRAMES: usize = 2_000;
 
-/// Ours, then those out of cantools' own tests.
-const DATABASES: [&str; 6] = [
+/// Ours, with that of the rig; then those out of cantools' own tests.
+const DATABASES: [&str; 7] = [
+    "../../../bench/rigs/rec.dbc",
     "kinds.dbc",
     "multiplexed.dbc",
     "cantools/signed.dbc",
@@ -111,12 +112,10 @@ fn their_frames(python: &Path, file: &str, dir: &Path) -> BTreeSet<String> {
                 signal.name
             );
             let (minimum, maximum) = signal.codec.range();
+            signal.codec.encode(*value, &mut again).unwrap();
             // Beyond 2^53 steps a double does not say which integer it was.
-            if (maximum - minimum) / signal.codec.resolution() <= 2f64.powi(53) || signal.codec.resolution() < 1e-6 {
-                signal.codec.encode(*value, &mut again).unwrap();
-            } else {
-                exact = false;
-            }
+            exact &=
+                (maximum - minimum) / signal.codec.resolution() <= 2f64.powi(53) || signal.codec.resolution() < 1e-6;
             seen.insert(format!("{name}.{}", signal.name));
         }
         assert!(
@@ -149,7 +148,7 @@ fn random_frame(message: &Message, rng: &mut ChaCha8Rng) -> (Frame, BTreeMap<Str
         let (minimum, maximum) = signal.codec.range();
         let value = match rng.random_range(0..8) {
             0 => minimum,
-            1 if maximum < 1e19 && signal.codec.encode(maximum, &mut data.clone()).is_ok() => maximum,
+            1 if maximum < 1e30 => maximum,
             // The whole range of a float is nearly all of one exponent, and twice it is no double.
             _ if maximum > 1e30 => rng.random_range(-1.0..1.0) * 10f64.powi(rng.random_range(-30..30)),
             _ => minimum + (maximum - minimum) * rng.random_range(0.0..1.0),

@@ -316,6 +316,11 @@ impl Codec {
         usize::from(self.bytes)
     }
 
+    /// Its bits, without those of its multiplexors: bit n is bit n mod 8 of byte n / 8.
+    pub fn bits(&self) -> u64 {
+        self.field.bits()
+    }
+
     fn gates(&self) -> &[Gate] {
         &self.gates[..usize::from(self.gate_count)]
     }
@@ -343,7 +348,7 @@ impl Codec {
             Kind::Unsigned | Kind::Signed => {
                 let untruncated = unscaled + HALF.copysign(unscaled);
                 if !(untruncated > self.below_raw && untruncated < self.beyond_raw) {
-                    return None;
+                    return self.end(physical);
                 }
                 Some(if self.kind == Kind::Signed { untruncated as i64 as u64 } else { untruncated as u64 })
             }
@@ -354,6 +359,21 @@ impl Codec {
             }
             Kind::Double => (unscaled.is_finite() || !physical.is_finite()).then_some(unscaled.to_bits()),
         }
+    }
+
+    /// The end of an integer's range, where a value of the range comes out beyond it because 53 bits could not hold it better.
+    #[cold]
+    fn end(&self, physical: f64) -> Option<u64> {
+        let (minimum, maximum) = self.range();
+        let highest = self.field.mask();
+        let is_high = (physical - self.offset) / self.factor > 0.0;
+        let end = match (self.kind, is_high) {
+            (Kind::Signed, true) => highest >> 1,
+            (Kind::Signed, false) => highest ^ (highest >> 1),
+            (_, true) => highest,
+            (_, false) => 0,
+        };
+        (minimum..=maximum).contains(&physical).then_some(end)
     }
 
     #[cold]
