@@ -41,7 +41,11 @@ pub(super) async fn connect(
         spoken: spoken.name,
         spoken_title: spoken.title,
     };
-    for candidate in PROTOCOLS.iter().filter(|candidate| candidate.name != kind.name) {
+    let mut hello = Outbox::new();
+    spoken.hello(&mut hello);
+    let echo = heard.kept.starts_with(hello.bytes());
+    // Who echoes speaks every protocol.
+    for candidate in PROTOCOLS.iter().filter(|candidate| candidate.name != kind.name && !echo) {
         // Its settings may be wrong, since they were not needed.
         let Ok(mut client) = (candidate.client)(settings) else { continue };
         client.hear(&heard.kept, &mut |_| {});
@@ -51,7 +55,7 @@ pub(super) async fn connect(
         let mut answer = Heard::default();
         let asked =
             !recognised && ask(&mut stream, &mut *client, WAIT_OTHER, &mut answer).await.map_err(failed)?.is_some();
-        if recognised || asked || speaks(&*client, answer.bytes) {
+        if recognised || asked {
             return Err(other(kind, candidate));
         }
     }
@@ -59,9 +63,7 @@ pub(super) async fn connect(
     if heard.kept.is_empty() {
         return Err(LinkError::Silent { port: port(), title, baud, waited_ms: WAIT.as_millis() as u64 });
     }
-    let mut hello = Outbox::new();
-    spoken.hello(&mut hello);
-    let remedy = if heard.kept.starts_with(hello.bytes()) {
+    let remedy = if echo {
         "they are what was sent: TX and RX are connected to each other, or the adapter echoes (RS-485)"
     } else if spoken.garbled().sound > 0 {
         "something else on this line speaks the protocol; is it the amplifier's own port?"
