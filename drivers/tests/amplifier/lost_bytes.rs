@@ -1,11 +1,25 @@
 //! What is lost on the wire costs a value, and never makes a wrong one.
 
 use super::{Pair, state};
-use drivers::amplifier::{Outbox, PROTOCOLS, Told};
+use drivers::amplifier::{Outbox, PROTOCOLS, Telemetry, Told};
 use proptest::prelude::*;
 
 fn untold_or(told: f32, meant: f32) -> bool {
     told.is_nan() || (told - meant).abs() < 0.1
+}
+
+/// Each quantity is not told, or is the drive's.
+fn right(told: &Telemetry, protocol: &str) {
+    let meant = state().telemetry;
+    assert!(
+        untold_or(told.supply_v, meant.supply_v)
+            && untold_or(told.motor_current_a, meant.motor_current_a)
+            && untold_or(told.speed_rpm, meant.speed_rpm)
+            && untold_or(told.duty, meant.duty)
+            && untold_or(told.temperature_c, meant.temperature_c)
+            && told.fault.is_none(),
+        "{protocol}: {told:?}"
+    );
 }
 
 proptest! {
@@ -38,19 +52,10 @@ proptest! {
                     continue;
                 }
                 let bytes = wire.pop_front().unwrap();
-                let meant = state().telemetry;
                 pair.client.hear(&bytes, &mut |told| {
                     if let Told::Telemetry(told) = told {
                         tellings += 1;
-                        assert!(
-                            untold_or(told.supply_v, meant.supply_v)
-                                && untold_or(told.motor_current_a, meant.motor_current_a)
-                                && untold_or(told.speed_rpm, meant.speed_rpm)
-                                && untold_or(told.duty, meant.duty)
-                                && untold_or(told.temperature_c, meant.temperature_c)
-                                && told.fault.is_none(),
-                            "{}: {told:?}", kind.name
-                        );
+                        right(&told, kind.name);
                     }
                 });
             }
@@ -76,5 +81,44 @@ fn a_drive_that_was_silent_for_long_is_understood_again() {
             tellings += told.iter().filter(|told| matches!(told, Told::Telemetry(_))).count();
         }
         assert!(tellings >= 15, "{}: {tellings}", kind.name);
+    }
+}
+
+#[test]
+fn an_answer_that_comes_after_very_many_others_or_after_a_reset_is_no_other_ones() {
+    for kind in PROTOCOLS {
+        for reset in [false, true] {
+            let mut pair = Pair::of(kind);
+            let (mut wire, mut tellings) = (vec![], 0);
+            let mut ask = |pair: &mut Pair, request: bool| {
+                pair.out.clear();
+                pair.back.clear();
+                if request {
+                    pair.client.request(&mut pair.out)
+                } else {
+                    pair.client.command(1.0, &mut pair.out)
+                };
+                pair.drive.hear(pair.out.bytes(), 0, &pair.state, &mut pair.back);
+                wire.extend(pair.back.bytes());
+            };
+            ask(&mut pair, true);
+            if reset {
+                pair.client.reset();
+            } else {
+                (0..100).for_each(|_| ask(&mut pair, false));
+            }
+            ask(&mut pair, true);
+            ask(&mut pair, true);
+            pair.client.hear(&wire, &mut |told| {
+                if let Told::Telemetry(told) = told {
+                    right(&told, kind.name);
+                }
+            });
+            for _ in 0..3 {
+                let (_, told) = pair.exchange(0, |client, out| client.request(out));
+                tellings += told.iter().filter(|told| matches!(told, Told::Telemetry(_))).count();
+            }
+            assert!(tellings >= 2, "{}: {tellings}", kind.name);
+        }
     }
 }
