@@ -25,9 +25,13 @@ const CUT_TICK: u64 = 100;
 /// And mended at this one.
 const MENDED_TICK: u64 = 400;
 /// Ticks after a cut in which what was on its way may still arrive.
-const SLACK_TICKS: u64 = 15;
+const SLACK_TICKS: u64 = 50;
+/// What was commanded is in force after so many ticks at most.
+const OBEYED_TICKS: u64 = 200;
 /// Letting go takes less: anything longer is a hang.
 const LONGEST_SHUTDOWN: Duration = Duration::from_secs(10);
+
+const UNSEEN: &str = "expected a view of the rig, got none: exempt the subject, with the reason";
 
 /// What is tested.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -99,6 +103,11 @@ pub trait Subject {
 
     /// What the rig showed at this tick of the run, as its sensors measured it; `None` where that is not known.
     fn shown(&mut self, tick: u64) -> Option<Measurement>;
+
+    /// Whether [`Subject::shown`] knows most ticks. Where it does not (a real rig), values are judged by their ages alone.
+    fn knows_what_was_shown(&self) -> bool {
+        true
+    }
 
     /// How far a value that is read may be from what was shown, in the unit of the input: the wire's resolution.
     fn resolution(&self, _input: Input) -> f64 {
@@ -177,6 +186,8 @@ fn moving(tick: u64) -> Command {
 struct Case<'a, S: Subject> {
     subject: &'a mut S,
     clause: Clause,
+    /// Values that were held against what the rig showed.
+    compared: u64,
 }
 
 impl<S: Subject> Case<'_, S> {
@@ -209,6 +220,36 @@ impl<S: Subject> Case<'_, S> {
         Ok(())
     }
 
+    /// One tick with these commands, on sound wires.
+    fn tick(&mut self, device: &mut S::Device, tick: u64, commands: &[Command]) -> Result<(), Violation> {
+        let now = self.subject.wait(tick);
+        let read = device.read(now);
+        self.sound(tick, read)?;
+        for command in commands {
+            let written = device.write(now, command);
+            self.sound(tick, written)?;
+        }
+        Ok(())
+    }
+
+    /// Ticks with this command until the rig has it in force.
+    fn until_in_force(&mut self, device: &mut S::Device, tick: &mut u64, command: Command) -> Result<(), Violation> {
+        let near_v = self.subject.voltage_resolution_v();
+        let mut seen = None;
+        for _ in 0..OBEYED_TICKS {
+            self.tick(device, *tick, &[command])?;
+            *tick += 1;
+            let far_end = self.subject.far_end().ok_or_else(|| self.violation(UNSEEN))?;
+            let FarEnd { voltage_v, brake_open, bypass_open } = far_end;
+            let obeys = (brake_open, bypass_open) == (command.brake_open, command.bypass_open);
+            if obeys && (voltage_v - command.voltage_v).abs() <= near_v {
+                return Ok(());
+            }
+            seen = Some(far_end);
+        }
+        Err(self.violation(format!("tick {tick}: expected {command:?} in force, the rig has {seen:?}")))
+    }
+
     /// A reading against what the rig showed at the time that its age says.
     fn is_true(&mut self, now: Tick, measured: &Measurement) -> Result<(), Violation> {
         for input in Input::ALL {
@@ -222,6 +263,7 @@ impl<S: Subject> Case<'_, S> {
             let (Some(before), Some(after)) = (self.subject.shown(before), self.subject.shown(after)) else { continue };
             let (a, b) = (before.value(input), after.value(input));
             let near = self.subject.resolution(input);
+            self.compared += 1;
             if !(value >= a.min(b) - near && value <= a.max(b) + near) {
                 let what = format!(
                     "tick {}, {}: {value} with an age of {age_ns} ns, when the rig showed {a} .. {b}",
@@ -241,7 +283,7 @@ impl<S: Subject> Case<'_, S> {
 /// It is not.
 pub fn freshness<S: Subject>(subject: &mut S) -> Result<(), Violation> {
     let most_ns = subject.age_ticks() * PERIOD_NS;
-    let mut case = Case { subject, clause: Clause::Freshness };
+    let mut case = Case { subject, clause: Clause::Freshness, compared: 0 };
     let mut device = case.open(None)?;
     let mut moved = [f64::NAN; 2];
     let mut late = 0;
@@ -253,6 +295,9 @@ pub fn freshness<S: Subject>(subject: &mut S) -> Result<(), Violation> {
         moved = [moved[0].min(measured.angle_deg), moved[1].max(measured.angle_deg)];
         case.is_true(now, measured)
     })?;
+    if case.subject.knows_what_was_shown() && case.compared < TICKS {
+        return Err(case.violation(format!("only {} values could be held against what the rig showed", case.compared)));
+    }
     if moved[1] - moved[0] < 0.5 {
         return Err(case.violation(format!("the lever did not move: {:?} deg", moved)));
     }
@@ -268,7 +313,7 @@ pub fn freshness<S: Subject>(subject: &mut S) -> Result<(), Violation> {
 /// # Errors
 /// One is.
 pub fn ordering<S: Subject>(subject: &mut S) -> Result<(), Violation> {
-    let mut case = Case { subject, clause: Clause::Ordering };
+    let mut case = Case { subject, clause: Clause::Ordering, compared: 0 };
     let mut device = case.open(None)?;
     let mut newest_ns = [i64::MIN; 5];
     // Now and then some are passed over.
@@ -293,10 +338,9 @@ pub fn ordering<S: Subject>(subject: &mut S) -> Result<(), Violation> {
 /// Something stays young, or was never shown.
 pub fn time_outs<S: Subject>(subject: &mut S) -> Result<(), Violation> {
     for wire in [Wire::Bus, Wire::Amplifier] {
-        let mut case = Case { subject: &mut *subject, clause: Clause::TimeOuts };
+        let mut case = Case { subject: &mut *subject, clause: Clause::TimeOuts, compared: 0 };
         let cut = Cut { wire, from_tick: CUT_TICK, until_tick: MENDED_TICK };
         let mut device = case.open(Some(cut))?;
-        let mut oldest_ns = 0;
         for tick in 0..CUT_TICK + 250 {
             let now = case.subject.wait(tick);
             let measured = match device.read(now) {
@@ -305,10 +349,7 @@ pub fn time_outs<S: Subject>(subject: &mut S) -> Result<(), Violation> {
                     return Err(case.violation(format!("tick {tick}, on sound wires: {error}")));
                 }
                 // A device may say at once that it can't go on, and then no value of it counts.
-                Err(_) => {
-                    oldest_ns = u64::MAX;
-                    break;
-                }
+                Err(_) => break,
             };
             // Whether a command can be sent into a cut wire is the device's business.
             let _ = device.write(now, &moving(tick));
@@ -321,16 +362,12 @@ pub fn time_outs<S: Subject>(subject: &mut S) -> Result<(), Violation> {
                     .map(|input| u64::from(measured.age_ns[input as usize]))
                     .to_vec();
             }
-            oldest_ns = ages_ns.iter().copied().fold(oldest_ns, u64::max);
             if let Some(young_ns) = ages_ns.into_iter().find(|&age_ns| age_ns < least_ns) {
                 let what = format!(
                     "{wire:?} cut at tick {CUT_TICK}: at tick {tick} an age of {young_ns} ns, expected {least_ns} ns or more"
                 );
                 return Err(case.violation(what));
             }
-        }
-        if oldest_ns < 200 * PERIOD_NS {
-            return Err(case.violation(format!("{wire:?}: an age of {oldest_ns} ns after 250 ticks of silence")));
         }
     }
     Ok(())
@@ -341,28 +378,23 @@ pub fn time_outs<S: Subject>(subject: &mut S) -> Result<(), Violation> {
 /// # Errors
 /// Another one does.
 pub fn last_command<S: Subject>(subject: &mut S) -> Result<(), Violation> {
-    let mut case = Case { subject, clause: Clause::LastCommand };
+    let mut case = Case { subject, clause: Clause::LastCommand, compared: 0 };
     let mut device = case.open(None)?;
     let mut tick = 0;
     for round in 0..8u32 {
         let last = Command { voltage_v: f64::from(round) - 3.5, brake_open: round % 2 == 0, ..moving(0) };
-        for _ in 0..25 {
-            let now = case.subject.wait(tick);
-            let read = device.read(now);
-            case.sound(tick, read)?;
-            // As after an emergency: another command in the same tick.
-            for command in [Command { voltage_v: 7.0, bypass_open: true, ..last }, last] {
-                let written = device.write(now, &command);
-                case.sound(tick, written)?;
-            }
+        let other = Command { voltage_v: 7.0, bypass_open: true, ..last };
+        for of_round in 0..25 {
+            let commands: &[Command] = match of_round {
+                // As after an emergency: another one in the same tick.
+                12 => &[other, last],
+                _ if of_round % 2 == 0 && of_round < 24 => &[other],
+                _ => &[last],
+            };
+            case.tick(&mut device, tick, commands)?;
             tick += 1;
         }
-        let Some(FarEnd { voltage_v, brake_open, bypass_open }) = case.subject.far_end() else { continue };
-        let near_v = case.subject.voltage_resolution_v();
-        if (voltage_v - last.voltage_v).abs() > near_v || brake_open != last.brake_open || bypass_open {
-            let got = format!("{voltage_v} V, brake {brake_open}, bypass {bypass_open}");
-            return Err(case.violation(format!("tick {tick}: expected {last:?}, the rig has {got}")));
-        }
+        case.until_in_force(&mut device, &mut tick, last)?;
     }
     Ok(())
 }
@@ -372,18 +404,12 @@ pub fn last_command<S: Subject>(subject: &mut S) -> Result<(), Violation> {
 /// # Errors
 /// It does not.
 pub fn safe_on_drop<S: Subject>(subject: &mut S) -> Result<(), Violation> {
-    let mut case = Case { subject, clause: Clause::SafeOnDrop };
+    let mut case = Case { subject, clause: Clause::SafeOnDrop, compared: 0 };
     let mut device = case.open(None)?;
-    case.drive(&mut device, 0..60, |_, _, _| Ok(()))?;
-    if let Some(FarEnd { voltage_v, brake_open, .. }) = case.subject.far_end()
-        && (voltage_v == 0.0 || !brake_open)
-    {
-        return Err(case.violation(format!("expected a rig that runs, got {voltage_v} V, brake open {brake_open}")));
-    }
+    let mut tick = 0;
+    case.until_in_force(&mut device, &mut tick, moving(0))?;
     drop(device);
-    let Some(far_end) = case.subject.far_end() else {
-        return Err(case.violation("expected a view of the rig, got none: exempt the subject, with the reason"));
-    };
+    let far_end = case.subject.far_end().ok_or_else(|| case.violation(UNSEEN))?;
     let SafeState { brake_open, bypass_open } = case.subject.safe_state();
     if far_end != (FarEnd { voltage_v: 0.0, brake_open, bypass_open }) {
         return Err(case.violation(format!("expected 0 V and the safe valves, the rig has {far_end:?}")));
@@ -396,17 +422,16 @@ pub fn safe_on_drop<S: Subject>(subject: &mut S) -> Result<(), Violation> {
 /// # Errors
 /// It moves by itself, or does not after the word.
 pub fn rearm<S: Subject>(subject: &mut S) -> Result<(), Violation> {
-    let mut case = Case { subject, clause: Clause::Rearm };
+    let mut case = Case { subject, clause: Clause::Rearm, compared: 0 };
     let cut = Cut { wire: Wire::Amplifier, from_tick: CUT_TICK, until_tick: MENDED_TICK };
     let mut device = case.open(Some(cut))?;
-    let unseen = "expected a view of the rig, got none: exempt the subject, with the reason";
     for tick in 0..MENDED_TICK + 150 {
         let now = case.subject.wait(tick);
         // It may fail; the loop would write the safe state then, a defect in the loop might go on.
         let _ = device.read(now);
         let _ = device.write(now, &Command { voltage_v: 5.0, ..moving(0) });
         if [CUT_TICK + 280, MENDED_TICK + 50, MENDED_TICK + 149].contains(&tick) {
-            let far_end = case.subject.far_end().ok_or_else(|| case.violation(unseen))?;
+            let far_end = case.subject.far_end().ok_or_else(|| case.violation(UNSEEN))?;
             if far_end.voltage_v != 0.0 {
                 let what = format!("tick {tick}, cut at {CUT_TICK}, mended at {MENDED_TICK}: {} V", far_end.voltage_v);
                 return Err(case.violation(what));
@@ -414,12 +439,8 @@ pub fn rearm<S: Subject>(subject: &mut S) -> Result<(), Violation> {
         }
     }
     case.subject.arm(&mut device).map_err(|error| case.violation(format!("armed again: {error}")))?;
-    case.drive(&mut device, 0..60, |_, _, _| Ok(()))?;
-    let far_end = case.subject.far_end().ok_or_else(|| case.violation(unseen))?;
-    if (far_end.voltage_v - moving(59).voltage_v).abs() > case.subject.voltage_resolution_v() {
-        return Err(case.violation(format!("armed again, and the rig has {far_end:?}")));
-    }
-    Ok(())
+    let mut tick = 0;
+    case.until_in_force(&mut device, &mut tick, moving(0))
 }
 
 /// Dropped, it lets go, and can be opened again: at work, and where a wire is cut.
@@ -427,7 +448,7 @@ pub fn rearm<S: Subject>(subject: &mut S) -> Result<(), Violation> {
 /// # Errors
 /// It hangs, or can't.
 pub fn shutdown<S: Subject>(subject: &mut S) -> Result<(), Violation> {
-    let mut case = Case { subject, clause: Clause::Shutdown };
+    let mut case = Case { subject, clause: Clause::Shutdown, compared: 0 };
     let cuts = [None, Some(Wire::Amplifier), Some(Wire::Bus), None];
     for wire in cuts {
         let cut = wire.map(|wire| Cut { wire, from_tick: 20, until_tick: 70 });
@@ -457,7 +478,7 @@ pub fn shutdown<S: Subject>(subject: &mut S) -> Result<(), Violation> {
 /// # Errors
 /// It did harm.
 pub fn time_goes_on<S: Subject>(subject: &mut S) -> Result<(), Violation> {
-    let mut case = Case { subject, clause: Clause::TimeGoesOn };
+    let mut case = Case { subject, clause: Clause::TimeGoesOn, compared: 0 };
     let mut device = case.open(None)?;
     case.drive(&mut device, 0..40, |_, _, _| Ok(()))?;
     // Whether it is refused is the device's choice.

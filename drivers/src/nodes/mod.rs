@@ -27,9 +27,11 @@ use crate::dbc::{Database, DbcError};
 use crate::journal::Journal;
 use crate::serial::Pty;
 use crate::wired::{AmplifierSettings, CanSettings};
-use rt_core::SafeState;
+use rt_core::{Measurement, SafeState};
+use std::collections::VecDeque;
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use tokio::sync::{mpsc, watch};
 
@@ -93,7 +95,7 @@ pub struct Statistics {
     pub passed_over: u64,
     /// Commands of the amplifier.
     pub commands: u64,
-    /// Of these, those that came later than half a tick after their SYNC and act a tick later.
+    /// SYNCs of a run for which no command of the amplifier had come half a tick after them: the one before stayed.
     pub late: u64,
     /// Commands that no rig could be told.
     pub refused: u64,
@@ -108,6 +110,22 @@ pub struct Statistics {
     /// Frames that the bus did not take.
     pub unsent: u64,
 }
+
+/// The rig as its own hands see it: what it has in force, and what its sensors showed.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Seen {
+    /// At the amplifier, V.
+    pub voltage_v: f64,
+    /// As the valve stands.
+    pub brake_open: bool,
+    /// As the valve stands.
+    pub bypass_open: bool,
+    /// Answers of the present run: its last [`MOST_SHOWN`] ticks with what was measured at them.
+    pub shown: VecDeque<(u64, Measurement)>,
+}
+
+/// Ticks that are remembered of a run.
+pub const MOST_SHOWN: usize = 1024;
 
 /// Why an emulated rig can't be put on the wires.
 #[derive(Debug, thiserror::Error)]
@@ -154,6 +172,7 @@ pub struct Emulator {
     port: PathBuf,
     orders: mpsc::UnboundedSender<Order>,
     statistics: watch::Receiver<Statistics>,
+    seen: Arc<Mutex<Seen>>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -196,6 +215,7 @@ impl Emulator {
         let port = pty.path().to_owned();
         let (orders, heard) = mpsc::unbounded_channel();
         let (shown, statistics) = watch::channel(Statistics::default());
+        let seen = Arc::new(Mutex::new(Seen::default()));
         let wiring = server::Wiring {
             commands,
             sensors,
@@ -205,9 +225,10 @@ impl Emulator {
             baud: settings.amplifier.baud,
             supply_v: settings.amplifier.full_scale_v,
             journal,
+            seen: seen.clone(),
         };
         let thread = server::spawn(wiring, pty, prepare, heard, shown)?;
-        Ok(Emulator { port, orders, statistics, thread: Some(thread) })
+        Ok(Emulator { port, orders, statistics, seen, thread: Some(thread) })
     }
 
     /// The port that the bench opens: the link, or the pty's own name.
@@ -227,6 +248,11 @@ impl Emulator {
     /// What it did so far.
     pub fn statistics(&self) -> Statistics {
         *self.statistics.borrow()
+    }
+
+    /// A look at what it has in force now, and at what it showed. It waits meanwhile.
+    pub fn seen<R>(&self, look: impl FnOnce(&Seen) -> R) -> R {
+        look(&self.seen.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
     /// Whether the thread still serves; it ends by itself where the bus is gone for good.

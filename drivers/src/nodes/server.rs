@@ -1,7 +1,7 @@
 //! The thread that owns pty, bus and plant: what comes is handed to them with the time at which it came.
 
 use super::plant::News;
-use super::{CommandMap, EmulatorError, Order, Plant, SensorMap, Statistics, Trouble, motor};
+use super::{CommandMap, EmulatorError, MOST_SHOWN, Order, Plant, Seen, SensorMap, Statistics, Trouble, motor};
 use crate::amplifier::{Drive, DriveState, Outbox};
 use crate::can::{End, Frame, FrameId, Heard, Interface, Port, TimedFrame, Wanted};
 use crate::emulated::Pump;
@@ -9,6 +9,7 @@ use crate::journal::{Journal, Severity, When};
 use crate::serial::{AsyncPty, Pty};
 use rt_core::system::time::monotonic_ns;
 use std::io;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 use tokio::io::AsyncReadExt;
@@ -32,6 +33,8 @@ pub(super) struct Wiring {
     /// The amplifier's, V.
     pub supply_v: f64,
     pub journal: Journal,
+    /// For those who look at the rig itself.
+    pub seen: Arc<Mutex<Seen>>,
 }
 
 /// Opens the bus and starts the thread.
@@ -155,6 +158,17 @@ impl Server {
     fn frame(&mut self, received: &TimedFrame, port: Option<&Port>) {
         let Some(sync) = self.wiring.commands.take(&received.frame) else { return };
         let answer = self.wiring.plant.sync(&sync, received.received_ns, monotonic_ns());
+        {
+            let mut seen = self.wiring.seen.lock().unwrap_or_else(PoisonError::into_inner);
+            if !sync.running {
+                seen.shown.clear();
+            } else if seen.shown.back().is_none_or(|&(tick, _)| tick < self.wiring.plant.tick()) {
+                if seen.shown.len() == MOST_SHOWN {
+                    seen.shown.pop_front();
+                }
+                seen.shown.push_back((self.wiring.plant.tick(), answer.measurement));
+            }
+        }
         if self.troubles.nodes_silent {
             return;
         }
@@ -253,6 +267,10 @@ impl Server {
             ..self.statistics
         };
         self.shown.send_replace(self.statistics);
+        let answer = self.wiring.plant.answer();
+        let mut seen = self.wiring.seen.lock().unwrap_or_else(PoisonError::into_inner);
+        seen.voltage_v = self.voltage_v;
+        (seen.brake_open, seen.bypass_open) = (answer.brake_is_open, answer.bypass_is_open);
     }
 
     /// What the plant has to say, to the journal.
