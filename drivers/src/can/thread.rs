@@ -18,7 +18,7 @@ use std::sync::mpsc::SyncSender;
 use std::time::Duration;
 use tokio::io::Interest;
 use tokio::io::unix::AsyncFd;
-use tokio::time::{Instant, MissedTickBehavior, interval, interval_at, timeout};
+use tokio::time::{Instant, Interval, MissedTickBehavior, interval_at, timeout};
 
 /// Between two attempts to open a bus again that was lost.
 const AGAIN: Duration = Duration::from_millis(200);
@@ -180,8 +180,7 @@ impl Bus {
     }
 
     async fn serve(&mut self, port: &Port) -> Ended {
-        let mut every = interval(EVERY);
-        every.set_missed_tick_behavior(MissedTickBehavior::Skip);
+        let mut every = summaries();
         loop {
             // In the order of their weight: a node that babbles must keep no command back.
             let done = tokio::select! {
@@ -212,6 +211,7 @@ impl Bus {
     async fn open_again(&mut self) -> Option<Port> {
         let mut said = String::new();
         let mut again = interval_at(Instant::now() + AGAIN, AGAIN);
+        let mut every = summaries();
         loop {
             tokio::select! {
                 biased;
@@ -221,6 +221,10 @@ impl Bus {
                     if self.worker.orders.stop.load(Acquire) {
                         return None;
                     }
+                    continue;
+                }
+                _ = every.tick() => {
+                    self.report.sum_up();
                     continue;
                 }
                 _ = again.tick() => {}
@@ -377,6 +381,13 @@ impl Bus {
     fn shared(&self) -> &Shared {
         &self.worker.orders.shared
     }
+}
+
+/// When summaries are due; the first one a while from now.
+fn summaries() -> Interval {
+    let mut every = interval_at(Instant::now() + EVERY, EVERY);
+    every.set_missed_tick_behavior(MissedTickBehavior::Skip);
+    every
 }
 
 /// Waits until the loop has something for the thread.
