@@ -142,7 +142,8 @@ impl<'a> Mapping<'a> {
         commanded: &BTreeMap<FrameId, String>,
     ) {
         let key = |key: &str| format!("{path}.{key}");
-        if sensor.counter.is_some() && self.settings.command.counter.is_none() {
+        let commands_missing = !self.document.has("can.command") || self.document.refused("can.command.counter");
+        if sensor.counter.is_some() && self.settings.command.counter.is_none() && !commands_missing {
             let what = "expected [can.command] counter too, got none: a sensor's counter is the echo of the command's";
             self.problem(&key("counter"), what);
         }

@@ -41,7 +41,7 @@ impl Wires<'_> {
         {
             self.problem("can.interface", error.to_string());
         }
-        if protocol_known && !self.document.refused("amplifier") {
+        if protocol_known && !self.document.refused("amplifier") && BAUD_RATES.contains(&self.settings.amplifier.baud) {
             self.serial_budget();
         }
         if self.settings.can.dbc.as_os_str().is_empty() {
