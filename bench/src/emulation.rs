@@ -12,6 +12,8 @@ use crate::simulation::added_effects;
 use crate::strength::strength;
 use drivers::EmulatedRig;
 use drivers::emulated::Settings as RigSettings;
+use drivers::nodes::PlantFactory;
+use drivers::wired::Preparation;
 use model::effects::{Effect, LIBRARY};
 use model::parameters::{AddedEffect, index};
 use model::{ModelFile, Parameters};
@@ -142,11 +144,33 @@ pub fn rig_for(truth: &ModelFile, script: &Script, seed: u64, run: usize) -> Res
         start: script.start(),
         fill_bar: script.fill_bar.unwrap_or(defaults.fill_bar),
         vertical: script.plane == Plane::Vertical,
-        // The golden ratio's multiples keep the seeds of neighbouring campaigns' runs apart.
-        seed: seed.wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(run as u64),
+        seed: seed_of_run(seed, run as u64),
         ..defaults
     };
     EmulatedRig::new(&truth.parameters, effects, settings).map_err(|e| Failure::of(Kind::Device, &e))
+}
+
+/// Makes the rigs of a session over wires, each as [`rig_for`] makes it for the run of that number.
+///
+/// # Errors
+/// An effect that the library does not know (2).
+pub fn plant_factory(truth: ModelFile, seed: u64) -> Result<PlantFactory, Failure> {
+    added_effects(&truth).map_err(|e| Failure::of(Kind::Input, &e))?;
+    Ok(Box::new(move |preparation: &Preparation| {
+        let Preparation { run, vertical, fill_bar, start } = *preparation;
+        let effects = added_effects(&truth).expect("the same effects were there above");
+        let seed = seed_of_run(seed, u64::from(run));
+        EmulatedRig::new(
+            &truth.parameters,
+            effects,
+            RigSettings { start, fill_bar, vertical, seed, ..RigSettings::default() },
+        )
+    }))
+}
+
+/// Seed of a run's noise. The golden ratio's multiples keep the seeds of neighbouring campaigns' runs apart.
+fn seed_of_run(seed: u64, run: u64) -> u64 {
+    seed.wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(run)
 }
 
 #[cfg(test)]
