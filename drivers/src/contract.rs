@@ -179,7 +179,7 @@ pub fn check<S: Subject>(subject: &mut S) -> Result<Vec<(Clause, &'static str)>,
 
 /// A free lever that the pump moves at once: every value changes from tick to tick.
 fn moving(tick: u64) -> Command {
-    let voltage_v = if tick / 200 % 2 == 0 { 10.0 } else { -10.0 };
+    let voltage_v = if (tick / 200).is_multiple_of(2) { 10.0 } else { -10.0 };
     Command { voltage_v, brake_open: true, bypass_open: false, fixture: Fixture::Free, segment: 0 }
 }
 

@@ -518,7 +518,7 @@ struct ToAndFro {
 
 impl Reference for ToAndFro {
     fn step(&mut self, now: Tick, _measured: &Measurement) -> Step {
-        let voltage_v = if now.index / 250 % 2 == 0 { 6.0 } else { -6.0 };
+        let voltage_v = if (now.index / 250).is_multiple_of(2) { 6.0 } else { -6.0 };
         Step {
             target: Target::VoltageV(voltage_v),
             brake_open: now.index % 100 >= 5,
