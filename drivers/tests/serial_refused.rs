@@ -102,7 +102,7 @@ fn a_port_that_somebody_else_has_open_and_has_left() {
 #[test]
 fn a_port_of_another_user() {
     let pty = Pty::open(None).unwrap();
-    fs::set_permissions(pty.slave(), Permissions::from_mode(0)).unwrap();
+    fs::set_permissions(pty.slave(), Permissions::from_mode(0o000)).unwrap();
     let settings = settings("vesc", pty.slave());
     let checked = std::thread::spawn(move || {
         const NOBODY: libc::c_long = 65_534;

@@ -21,7 +21,7 @@ pub enum LinkError {
     },
 
     /// The port is another user's.
-    #[error("{}: expected to open the amplifier's port, permission denied; `usermod -aG dialout USER`, then log in again (or give `{} ` to your group by a udev rule)", port.display(), port.display())]
+    #[error("{}: expected to open the amplifier's port, permission denied; `usermod -aG dialout USER`, then log in again (or give `{}` to your group by a udev rule)", port.display(), port.display())]
     Permission {
         /// As the rig file has it.
         port: PathBuf,
