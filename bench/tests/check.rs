@@ -240,7 +240,7 @@ fn sections_that_are_missing_or_too_many_are_said() {
         .refused("[can]", &["[can.command]: missing; expected a table with brake_open, bypass_open"]);
     changed("running = ", "bypass_open = ").refused("bypass_open = \"VALVES.Running\"", &["duplicate key"]);
     changed("bypass_open = \"VALVES.BypassOpen\"", "")
-        .refused("[can.command]", &["[can.command] bypass_open: missing"]);
+        .refused("[can.command]\nbrake", &["[can.command] bypass_open: missing"]);
     changed("kind = \"wired\"", "kind = \"wired\"\nmodel = \"model.toml\"")
         .refused("model = \"model.toml\"", &["[device] model: is the plant of the emulated rig"]);
     let failure = changed("kind = \"wired\"", "kind = \"emulated\"").read().expect_err("wires without a use");
