@@ -101,7 +101,7 @@ impl Reporter {
             note(
                 when,
                 format_args!(
-                    "{interface}: {frames} command frames not sent: no room before newer ones came; the bus is busy or nobody acknowledges"
+                    "{interface}: {frames} command frames not sent before newer ones came: bus full, nobody acknowledges, or this thread was held up"
                 ),
             );
         }
