@@ -184,6 +184,7 @@ pub(super) fn find<'a>(
     path: &str,
     key: impl FnOnce() -> String,
 ) -> Result<(&'a Message, Codec), EmulatorError> {
-    let found = database.signal(path).map_err(|source| EmulatorError::Signal { key: key(), source })?;
+    let found =
+        database.signal(path).map_err(|source| EmulatorError::Signal { key: key(), source: Box::new(source) })?;
     Ok((found.0, found.1.codec))
 }

@@ -137,7 +137,7 @@ pub enum EmulatorError {
         key: String,
         /// Why not.
         #[source]
-        source: DbcError,
+        source: Box<DbcError>,
     },
     /// A setting makes no sense.
     #[error("{key}: expected {expected}, got {got}")]
