@@ -11,7 +11,7 @@ use identify::component::{fit_pump, pump_points};
 use model::{ModelFile, Parameters};
 use profiles::Script;
 use recordings::{CAMPAIGN_FILE, Campaign, Protocol, RigFacts, RunEntry, UnknownWord};
-use rt_core::{Device, Limits, LossCertificate, Switches};
+use rt_core::{Device, Limits, LossCertificate, SafeState, Switches};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -50,6 +50,7 @@ pub struct Session {
     seed: u64,
     notes: BTreeMap<String, String>,
     instance: String,
+    safe_state: SafeState,
     runner: Runner,
 }
 
@@ -61,8 +62,9 @@ impl Session {
         // Two campaigns on one machine must not hear each other.
         let instance = format!("campaign-{}", std::process::id());
         let runner = Runner::open(&instance, limits, mode, OnFull::GoOn, progress)?;
+        let safe_state = limits.safe_state;
         let campaign = Campaign { dir, name, rig, runs: Vec::new() };
-        Ok(Session { campaign, seed, notes, instance, runner })
+        Ok(Session { campaign, seed, notes, instance, safe_state, runner })
     }
 
     /// Runs one script to its end and adds its recording to the campaign. `knowledge` serves the targets other than voltages. Prints `NAME: N of N samples`.
@@ -114,7 +116,7 @@ impl Session {
         progress: &Progress,
     ) -> Result<(), Failure> {
         for (run, script) in scripts.iter().enumerate() {
-            let mut device = devices.prepare(script, self.seed, run, self.runner.journals())?;
+            let mut device = devices.prepare(script, self.seed, run, self.safe_state, self.runner.journals())?;
             let recorded = self.run(script, &mut *device, &knowledge, switches, progress)?;
             if recorded.entry.protocol == Protocol::PumpMap && knowledge == Knowledge::Nothing {
                 knowledge = Knowledge::Pump(measured_pump(&self.campaign, &recorded.entry)?);

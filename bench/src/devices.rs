@@ -68,6 +68,7 @@ impl Devices {
         script: &Script,
         seed: u64,
         run: usize,
+        safe_state: SafeState,
         journals: &mut JournalReader,
     ) -> Result<Box<dyn Device + Send + 'a>, Failure> {
         let device: Box<dyn Device + Send + 'a> = match self {
@@ -81,7 +82,7 @@ impl Devices {
             return Ok(device);
         }
         let faulty = Faulty::new(device, &script.faults, seed, journals.journal("faults"));
-        Ok(Box::new(faulty.map_err(|e| Failure::of(Kind::Input, &e))?))
+        Ok(Box::new(faulty.map_err(|e| Failure::of(Kind::Input, &e))?.with_safe_state(safe_state)))
     }
 }
 

@@ -202,7 +202,7 @@ impl Cycle<'_> {
         let safe = self.safe_command();
         let Stages { clock, device, supervisor, publish, flight, .. } = self.stages;
         // After a tick that took too long this returns at once.
-        let written = device.write(clock.wait(index + 1).tick, &safe);
+        let written = device.write(clock.wait(index + 1).tick, &safe).and_then(|()| device.end_run());
         // The rig is safe: whoever follows the samples is told of the end, now that waiting for room does no harm.
         if let Some(sample) = self.untaken.take()
             && publish.publish_patiently(&sample) == Handover::Taken
@@ -219,7 +219,7 @@ impl Cycle<'_> {
     fn fail(self, wake: &Wake, source: DeviceError) -> LoopError {
         let safe = self.safe_command();
         let Stages { clock, device, supervisor, publish, flight, .. } = self.stages;
-        let safe_state = device.write(wake.tick, &safe);
+        let safe_state = device.write(wake.tick, &safe).and_then(|()| device.end_run());
         let ended_ns = clock.now_ns().saturating_sub(wake.tick.scheduled_ns);
         // The safe state was not held back by the slew limit, whatever command it replaces.
         let state = self.run.state(supervisor, Demand::None, self.overrun) & !flags::SLEW_LIMITED;

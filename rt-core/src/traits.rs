@@ -70,6 +70,10 @@ pub trait Device {
     fn read(&mut self, now: Tick) -> Result<Measurement, DeviceError>;
     /// The command that acts from this tick on.
     fn write(&mut self, now: Tick, command: &Command) -> Result<(), DeviceError>;
+    /// The run is over; the safe state was written.
+    fn end_run(&mut self) -> Result<(), DeviceError> {
+        Ok(())
+    }
 }
 
 impl<D: Device + ?Sized> Device for &mut D {
@@ -84,6 +88,10 @@ impl<D: Device + ?Sized> Device for &mut D {
     fn write(&mut self, now: Tick, command: &Command) -> Result<(), DeviceError> {
         (**self).write(now, command)
     }
+
+    fn end_run(&mut self) -> Result<(), DeviceError> {
+        (**self).end_run()
+    }
 }
 
 impl<D: Device + ?Sized> Device for Box<D> {
@@ -97,6 +105,10 @@ impl<D: Device + ?Sized> Device for Box<D> {
 
     fn write(&mut self, now: Tick, command: &Command) -> Result<(), DeviceError> {
         (**self).write(now, command)
+    }
+
+    fn end_run(&mut self) -> Result<(), DeviceError> {
+        (**self).end_run()
     }
 }
 

@@ -120,7 +120,7 @@ fn the_bit_stream_is_that_of_the_standard() {
     assert_eq!(stuffed(&stream), 6);
     assert_eq!(stuffed(&[true; 5]), 1);
     // 11111 0000 1111: every four after the first five.
-    let worst: Vec<bool> = (0..13).map(|n| n < 5 || n >= 9).collect();
+    let worst: Vec<bool> = (0..13).map(|n| !(5..9).contains(&n)).collect();
     assert_eq!(stuffed(&worst), 3);
     let stream = bits(&Frame::new(FrameId::Standard(0x7FF), &[1]).expect("fits"));
     let control: Vec<bool> = stream[12..19].to_vec();

@@ -126,22 +126,6 @@ impl<D: Device> Faulty<D> {
         self.disarmed = false;
     }
 
-    /// The run is over: faults that still act end with it, which is noted, and the device gets the last command that was
-    /// withheld from it, with 0 V.
-    ///
-    /// # Errors
-    /// The device could not be told.
-    pub fn end_run(&mut self) -> Result<(), DeviceError> {
-        let Some((now, command)) = self.last.take() else { return Ok(()) };
-        let mut acted = self.disarmed;
-        for fault in &mut self.faults {
-            acted |= fault.end_run(now, &mut self.journal);
-        }
-        let (Some(delivered), true) = (self.delivered.take(), acted) else { return Ok(()) };
-        let last = Command { voltage_v: 0.0, ..command };
-        if last == delivered { Ok(()) } else { self.device.write(now, &last) }
-    }
-
     /// Begins and ends what begins and ends by this tick.
     fn reach(&mut self, now: Tick) {
         for fault in &mut self.faults {
@@ -302,6 +286,19 @@ impl<D: Device> Device for Faulty<D> {
         self.last = Some((now, *command));
         self.delivered = Some(in_force);
         self.device.write(now, &in_force)
+    }
+
+    /// The run is over: faults that still act end with it, which is noted, and the device gets the last command that was
+    /// withheld from it, with 0 V.
+    fn end_run(&mut self) -> Result<(), DeviceError> {
+        let Some((now, command)) = self.last.take() else { return Ok(()) };
+        let mut acted = self.disarmed;
+        for fault in &mut self.faults {
+            acted |= fault.end_run(now, &mut self.journal);
+        }
+        let (Some(delivered), true) = (self.delivered.take(), acted) else { return Ok(()) };
+        let last = Command { voltage_v: 0.0, ..command };
+        if last == delivered { Ok(()) } else { self.device.write(now, &last) }
     }
 }
 

@@ -15,7 +15,7 @@ pub enum WiredError {
         key: String,
         /// Why not.
         #[source]
-        source: DbcError,
+        source: Box<DbcError>,
     },
     /// The settings contradict each other.
     #[error("{key}: expected {expected}, got {got}")]

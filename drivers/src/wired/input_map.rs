@@ -214,6 +214,6 @@ pub(super) fn find<'a>(
 ) -> Result<(&'a Message, Codec), WiredError> {
     match database.signal(path) {
         Ok((message, signal)) => Ok((message, signal.codec)),
-        Err(source) => Err(WiredError::Signal { key: key(), source }),
+        Err(source) => Err(WiredError::Signal { key: key(), source: Box::new(source) }),
     }
 }
