@@ -19,22 +19,19 @@ done
 [ "${CAN_GUEST_DIR:-target/can-guest}/initrd.gz" -nt "$guest" ] || "$guest" prepare
 cargo build --release --bin bench
 rm -rf "$out/wires"
-CAN_GUEST_LIMIT_S=${CAN_GUEST_LIMIT_S:-1800} "$guest" run sh -c '
+# A processor of 500 million instructions a second.
+CAN_GUEST_SHIFT=1 CAN_GUEST_LIMIT_S=${CAN_GUEST_LIMIT_S:-1800} "$guest" run sh -c '
   protocol=$1
   shift
-  # The rig file beside its database, with the port and the protocol of this machine.
-  mkdir /dev/shm/rig
-  cp bench/rigs/rec.dbc /dev/shm/rig/
-  sed "s|^port = .*|port = \"/dev/shm/amplifier\"|; s|^protocol = .*|protocol = \"$protocol\"|; s|^interface = .*|interface = \"vcan0\"|" \
-    bench/rigs/wired.toml >/dev/shm/rig/rig.toml
-  target/release/bench emulate --rig /dev/shm/rig/rig.toml --serial /dev/shm/amplifier --can vcan0 --seed 1 2>/dev/shm/emulated &
+  target/release/bench emulate --serial /dev/shm/amplifier --can vcan0 --protocol "$protocol" --write-rig /dev/shm/rig \
+    >/dev/shm/emulated 2>&1 &
   emulator=$!
-  while [ ! -e /dev/shm/amplifier ]; do sleep 0.1; done
+  while [ ! -e /dev/shm/amplifier ] || [ ! -e /dev/shm/rig/rig.toml ]; do sleep 0.1; done
   target/release/bench campaign "$@" --rig /dev/shm/rig/rig.toml --realtime --require-rt --out /dev/shm/wires 2>/dev/shm/said
   code=$?
   kill $emulator
   wait $emulator
-  if [ $code -ne 0 ]; then tail -20 /dev/shm/said /dev/shm/emulated; fi
+  if [ $code -ne 0 ]; then tail -n 20 /dev/shm/said; tail -n 20 /dev/shm/emulated; fi
   cp -r /dev/shm/wires "$CAN_GUEST_OUT/"
   exit $code' sh "$protocol" "${profiles[@]}"
 
