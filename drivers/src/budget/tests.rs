@@ -49,10 +49,12 @@ fn stuffed(bits: &[bool]) -> u32 {
     stuffed
 }
 
-/// With checksum's and acknowledge's delimiter, acknowledge, seven bits of end and three of intermission.
+/// Checksum's and acknowledge's delimiter, acknowledge, seven bits of end and three of intermission.
+const NEVER_STUFFED: u32 = 3 + 7 + 3;
+
 fn on_the_wire(frame: &Frame) -> u32 {
     let bits = bits(frame);
-    bits.len() as u32 + stuffed(&bits) + 3 + 7 + 3
+    bits.len() as u32 + stuffed(&bits) + NEVER_STUFFED
 }
 
 fn random_frame(rng: &mut ChaCha8Rng, extended: bool, length: usize) -> Frame {
@@ -82,31 +84,52 @@ fn mutated(rng: &mut ChaCha8Rng, frame: &Frame) -> Frame {
     changed
 }
 
-/// A frame whose free bits each go on with the run that there is, so that a bit is stuffed after every four of them. Its fixed bits and its
-/// checksum fall as they may.
-fn greedy_frame(extended: bool, length: usize) -> Frame {
-    let (mut last, mut run) = (false, 1);
-    let mut put = |fixed: Option<bool>| {
-        let bit = fixed.unwrap_or(last);
-        run = if bit == last { run + 1 } else { 1 };
-        last = bit;
-        if run == 5 {
-            (last, run) = (!bit, 1);
+/// Chooses the bits of a frame so that a bit is stuffed after every four of them.
+struct Greedy {
+    last: bool,
+    run: u32,
+}
+
+impl Greedy {
+    /// A bit that the standard fixes.
+    fn fixed(&mut self, bit: bool) {
+        self.run = if bit == self.last { self.run + 1 } else { 1 };
+        self.last = bit;
+        if self.run == 5 {
+            // The stuffed bit begins the next run.
+            (self.last, self.run) = (!bit, 1);
         }
-        u32::from(bit)
-    };
-    let mut number = |bits: usize| (0..bits).fold(0, |number, _| number << 1 | put(None));
+    }
+
+    /// A number of so many free bits: each goes on with the run that there is.
+    fn number(&mut self, width: u32) -> u32 {
+        (0..width).fold(0, |number, _| {
+            let bit = self.last;
+            self.fixed(bit);
+            number << 1 | u32::from(bit)
+        })
+    }
+}
+
+/// A frame whose free bits each go on with the run that there is. Its fixed bits and its checksum fall as they may.
+fn greedy_frame(extended: bool, length: usize) -> Frame {
+    // The start bit is dominant.
+    let mut bits = Greedy { last: false, run: 1 };
     let id = if extended {
-        let high = number(11);
-        [true, true].map(|bit| put(Some(bit)));
-        let low = (0..18).fold(0, |number, _| number << 1 | put(None));
-        FrameId::Extended(high << 18 | low)
+        let high = bits.number(11);
+        bits.fixed(true);
+        bits.fixed(true);
+        FrameId::Extended(high << 18 | bits.number(18))
     } else {
-        FrameId::Standard(number(11) as u16)
+        FrameId::Standard(bits.number(11) as u16)
     };
-    [false; 3].map(|bit| put(Some(bit)));
-    (0..4).rev().for_each(|bit| drop(put(Some(length >> bit & 1 == 1))));
-    let data: Vec<u8> = (0..length).map(|_| (0..8).fold(0, |byte, _| byte << 1 | put(None)) as u8).collect();
+    for _ in 0..3 {
+        bits.fixed(false);
+    }
+    for place in (0..4).rev() {
+        bits.fixed(length >> place & 1 == 1);
+    }
+    let data: Vec<u8> = (0..length).map(|_| bits.number(8) as u8).collect();
     Frame::new(id, &data).expect("at most 8 bytes")
 }
 
@@ -160,8 +183,7 @@ fn no_frame_is_longer_than_the_bound_and_some_come_near_it() {
             // Bits that are all free reach the bound: after the first five, runs of four in turn.
             let stuffable = if extended { 54 } else { 34 } + 8 * length;
             let free: Vec<bool> = (0..stuffable).map(|n| n >= 5 && (n - 1) / 4 % 2 == 1).collect();
-            let around = if extended { 67 - 54 } else { 47 - 34 };
-            assert_eq!(free.len() as u32 + stuffed(&free) + around, bound);
+            assert_eq!(free.len() as u32 + stuffed(&free) + NEVER_STUFFED, bound);
             // The bits between identifier and data are fixed, and the checksum is no free choice either.
             assert!(longest + 5 >= bound, "extended {extended}, {length} bytes: {longest} of {bound}");
         }
