@@ -1,7 +1,7 @@
 //! The loop's end of the link.
 
-use super::LinkError;
-use super::thread::{self, Order, Shared};
+use super::shared::{Order, Shared};
+use super::{LinkError, thread};
 use crate::amplifier::{AmplifierError, AmplifierSettings, Fault, Firmware, Garbled, Telemetry, protocol};
 use crate::exchange::{Giver, Taker, exchange};
 use crate::journal::Journal;
@@ -14,7 +14,7 @@ use std::time::Duration;
 
 /// Commands and reports that one side may be ahead of the other: at 1 kHz more than the age at which a command expires.
 const AHEAD: usize = 64;
-/// Longest that a drop waits for the thread, which takes at most [`thread::LAST_WORDS`] for its last words.
+/// Longest that a drop waits for the thread, which takes at most `line::LAST_WORDS` for its last words.
 const LONGEST_DROP: Duration = Duration::from_millis(200);
 
 /// What is known about the amplifier.
@@ -74,14 +74,14 @@ impl SerialLink {
         let ((orders, orders_there), (reports_there, reports)) = (exchange(AHEAD), exchange(AHEAD));
         let (opened, opening) = sync_channel(1);
         let (ending, ended) = sync_channel(0);
-        let ends = thread::Ends { orders: orders_there, reports: reports_there, journal, shared: shared.clone() };
+        let ends = thread::Ends { orders: orders_there, reports: reports_there, shared: shared.clone() };
         let settings = settings.clone();
         let thread = std::thread::Builder::new()
             .name("serial".into())
             .spawn(move || {
                 let _ending = ending;
                 prepare();
-                thread::run(settings, protocol, ends, &opened);
+                thread::run(settings, protocol, ends, journal, &opened);
             })
             .map_err(system("starting the serial thread"))?;
         let gone = || system("the serial thread")(std::io::Error::other("it ended before it had opened the port"));
