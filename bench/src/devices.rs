@@ -51,11 +51,8 @@ impl Devices {
         let below = Request { priority: request.priority.saturating_sub(IO_BELOW).max(1), ..request.clone() };
         // The loop's own thread asks the same and says what is refused.
         let thread = move || drop(system::prepare_thread(&below));
-        let rig = WiredRig::open(settings, &database, safe_state, thread, journals).map_err(|error| {
-            use drivers::wired::WiredError::{Amplifier, Mapping, Signal};
-            let kind = if matches!(error, Signal { .. } | Mapping { .. } | Amplifier(_)) { Kind::Input } else { Kind::Device };
-            Failure::of(kind, &error)
-        })?;
+        let rig = WiredRig::open(settings, &database, safe_state, thread, journals)
+            .map_err(|error| Failure::of(if error.is_configuration() { Kind::Input } else { Kind::Device }, &error))?;
         Ok(Devices::Wired(Box::new(rig)))
     }
 

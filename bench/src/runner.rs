@@ -13,8 +13,8 @@ use profiles::Script;
 use recordings::{CampaignError, RunMetadata};
 use rt_core::system::{self, ProcessGuard, Report, Request};
 use rt_core::{
-    Clock, Device, Ended, FlightLog, FlightRecorder, Limits, Lockstep, LossCertificate, Pace,
-    Publication, RealTime, Run, RunReport, Stages, Supervisor, Switches,
+    Clock, Device, Ended, FlightLog, FlightRecorder, Limits, Lockstep, LossCertificate, Pace, Publication, RealTime,
+    Run, RunReport, Stages, Supervisor, Switches,
 };
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -130,7 +130,17 @@ impl Runner {
         let logger = logger.map_err(|e| failure_of(&e))?;
         publication.wait_for_loggers(1, PATIENCE).map_err(link)?;
         let (flight, flown) = rt_core::flight::recorder();
-        let runner = Runner { mode, supervisor, logger, publication, flight, flown, system, journals: JournalReader::default(), next_run: 0 };
+        let runner = Runner {
+            mode,
+            supervisor,
+            logger,
+            publication,
+            flight,
+            flown,
+            system,
+            journals: JournalReader::default(),
+            next_run: 0,
+        };
         if let Some((_, report)) = &runner.system {
             runner.judge_system(report, progress)?;
         }

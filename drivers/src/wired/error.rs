@@ -40,3 +40,14 @@ pub enum WiredError {
     #[error("the rig is not ready: {0}")]
     NotReady(String),
 }
+
+impl WiredError {
+    /// Whether the configuration is to be corrected, and not the rig.
+    pub fn is_configuration(&self) -> bool {
+        match self {
+            WiredError::Signal { .. } | WiredError::Mapping { .. } | WiredError::Amplifier(_) => true,
+            WiredError::Serial(error) => error.is_configuration(),
+            WiredError::Can(_) | WiredError::NotReady(_) => false,
+        }
+    }
+}

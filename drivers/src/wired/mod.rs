@@ -10,6 +10,7 @@ mod output_map;
 mod preparation;
 mod rig;
 pub mod settings;
+mod twins;
 
 pub use error::WiredError;
 pub use input_map::InputMap;

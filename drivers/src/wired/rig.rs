@@ -3,6 +3,7 @@
 use super::input_map::InputMap;
 use super::output_map::{Around, MOST_FRAMES, OutputMap};
 use super::settings::Settings;
+use super::twins::{self, Twins};
 use super::{Preparation, WiredError};
 use crate::can::{BusState, CanLink, Frame, FrameId, Interface};
 use crate::dbc::Database;
@@ -40,6 +41,7 @@ pub struct WiredRig {
     inputs: InputMap,
     outputs: OutputMap,
     heartbeats: Vec<Heartbeat>,
+    twins: Twins,
     safe_state: SafeState,
     preparation: Option<Preparation>,
     /// Tick 0 of the run on `CLOCK_MONOTONIC`, ns; 0 where there is no real time.
@@ -90,6 +92,7 @@ impl WiredRig {
             inputs,
             outputs,
             heartbeats,
+            twins: Twins::new(&settings.can, database),
             safe_state,
             preparation: None,
             origin_ns: 0,
@@ -108,6 +111,7 @@ impl WiredRig {
         self.preparation = Some(preparation);
         self.commanded = None;
         self.inputs.forget();
+        self.twins.forget();
         self.heartbeats.iter_mut().for_each(|heartbeat| heartbeat.heard_ns = None);
         self.amplifier.arm();
         let begun_ns = monotonic_ns();
@@ -152,17 +156,20 @@ impl WiredRig {
         if let Some(trouble) = trouble(&self.bus.state()) {
             let _ = write!(missing, "{trouble}; ");
         }
+        if let Some(id) = self.twins.found() {
+            let _ = write!(missing, "{}; ", twins::told(id));
+        }
+        let others = missing.len();
         for (column, id) in self.inputs.silent() {
             let _ = write!(missing, "no frame {id} with {column}; ");
         }
         for heartbeat in self.heartbeats.iter().filter(|heartbeat| heartbeat.heard_ns.is_none()) {
             let _ = write!(missing, "no heartbeat {} (frame {}); ", heartbeat.name, heartbeat.id);
         }
-        if missing.is_empty() {
-            return None;
+        if missing.len() > others {
+            missing.push_str("is the node powered, on this bus, at this bit rate?");
         }
-        missing.push_str("is the node powered, on this bus, at this bit rate?");
-        Some(missing)
+        (!missing.is_empty()).then_some(missing)
     }
 
     fn send(&mut self, command: &Command, counter: u64, running: bool) -> Result<(), crate::dbc::OutOfRange> {
@@ -177,9 +184,10 @@ impl WiredRig {
     }
 
     fn receive(&mut self) {
-        let WiredRig { bus, inputs, heartbeats, commanded, .. } = self;
+        let WiredRig { bus, inputs, heartbeats, twins, commanded, .. } = self;
         bus.receive(&mut |received| {
             inputs.take(received, *commanded);
+            twins.see(&received.frame);
             for heartbeat in heartbeats.iter_mut().filter(|heartbeat| heartbeat.id == received.frame.id) {
                 heartbeat.heard_ns = Some(received.received_ns);
             }
@@ -198,7 +206,7 @@ impl WiredRig {
                         events, then start the run again to arm it";
             return Some((AMPLIFIER, what.to_owned()));
         }
-        trouble(&self.bus.state()).map(|what| (BUS, what))
+        trouble(&self.bus.state()).or_else(|| self.twins.found().map(twins::told)).map(|what| (BUS, what))
     }
 
     fn heartbeat_age_ns(&mut self, now_ns: u64) -> u32 {
