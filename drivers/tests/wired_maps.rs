@@ -140,6 +140,82 @@ proptest! {
     }
 }
 
+/// What a signal of one of these frames says, by its name in the database and not by any map.
+fn said(database: &Database, frames: &[Frame], name: &str) -> f64 {
+    let (message, signal) = database.signal(name).unwrap();
+    let frame = frames.iter().find(|frame| frame.id == message.id).unwrap();
+    signal.codec.decode(frame.data()).unwrap()
+}
+
+/// Both ends read the rig file in one place: what each key means is held against the database here.
+#[test]
+fn each_key_of_a_command_is_the_signal_that_it_names() {
+    let (settings, database) = settings();
+    let fixtures = [
+        Fixture::Filled { angle_deg: -7.5, pressure1_bar: 2.25, pressure2_bar: 3.5 },
+        Fixture::Released { angle_deg: 4.25, flow_ml_s: 1.75 },
+    ];
+    for (kind, fixture) in [3.0, 4.0].into_iter().zip(fixtures) {
+        let start = Command { voltage_v: 0.0, brake_open: true, bypass_open: false, fixture, segment: 11 };
+        let preparation = Preparation { run: 13, vertical: true, fill_bar: 1.5, start };
+        let mut frames = no_frames();
+        let around = Around { counter: 17, running: false, preparation };
+        let count = OutputMap::new(&settings, &database).unwrap().frames(&start, &around, &mut frames).unwrap();
+        let of_kind = if kind == 3.0 { [-7.5, 2.25, 3.5, 0.0] } else { [4.25, 0.0, 0.0, 1.75] };
+        let [angle_deg, pressure1_bar, pressure2_bar, flow_ml_s] = of_kind;
+        for (name, expected) in [
+            ("VALVES.BrakeOpen", 1.0),
+            ("VALVES.BypassOpen", 0.0),
+            ("VALVES.Counter", 17.0),
+            ("VALVES.Running", 0.0),
+            ("FIXTURE_POSE.Kind", kind),
+            ("FIXTURE_POSE.AngleDeg", angle_deg),
+            ("FIXTURE_FILL.Pressure1Bar", pressure1_bar),
+            ("FIXTURE_FILL.Pressure2Bar", pressure2_bar),
+            ("FIXTURE_FLOW.FlowMlS", flow_ml_s),
+            ("FIXTURE_RUN.Segment", 11.0),
+            ("FIXTURE_RUN.Run", 13.0),
+            ("FIXTURE_RUN.Vertical", 1.0),
+            ("FIXTURE_RUN.FillBar", 1.5),
+        ] {
+            assert_eq!(said(&database, &frames[..count], name), expected, "{name}");
+        }
+    }
+}
+
+#[test]
+fn each_key_of_a_sensor_is_the_signal_that_it_names() {
+    let (settings, database) = settings();
+    let measurement = Measurement {
+        angle_deg: 3.0 - 1.25 * 8.0,
+        pressure1_bar: 2.0 * 1.5 + 0.5,
+        pressure2_bar: 2.75,
+        torque_nm: 5.5,
+        volume_ml: f64::NAN,
+        faulty: Input::Pressure2.bit(),
+        ..Measurement::NONE
+    };
+    let answer = Answer { measurement, counter: 19, brake_is_open: true, bypass_is_open: false, timed_out: false };
+    let mut frames = vec![];
+    SensorMap::new(&settings, &database).unwrap().answers(&answer, 0, |frame| frames.push(frame));
+    for (name, expected) in [
+        ("ENCODER.AngleDeg", 8.0),
+        ("ENCODER.Present", 1.0),
+        ("ENCODER.Fault", 0.0),
+        ("ENCODER.Counter", 19.0),
+        ("PRESSURES.Pressure1Bar", 1.5),
+        ("PRESSURES.Pressure2Bar", 2.75),
+        ("PRESSURES.Fault1", 0.0),
+        ("PRESSURES.Fault2", 1.0),
+        ("PRESSURES.Counter", 19.0),
+        ("CLAMP.TorqueNm", 5.5),
+        ("CLAMP.Present", 1.0),
+        ("CYLINDER.Present", 0.0),
+    ] {
+        assert!((said(&database, &frames, name) - expected).abs() < 1e-9, "{name}: {frames:?}");
+    }
+}
+
 fn encoder(database: &Database, angle_deg: f64, counter: f64) -> Frame {
     let (message, angle) = database.signal("ENCODER.AngleDeg").unwrap();
     let mut frame = Frame::new(message.id, &vec![0; message.length]).unwrap();
@@ -200,6 +276,12 @@ fn a_signal_that_is_not_there_is_named_with_its_key() {
     wrong.sensors.torque_nm.as_mut().unwrap().counter = Some("ENCODER.Counter".to_owned());
     let error = InputMap::new(&wrong, &database).err().unwrap().to_string();
     assert!(error.contains("[can.sensors.torque_nm] counter") && error.contains("CLAMP"), "{error}");
+    let mut wrong = settings.clone();
+    wrong.sensors.torque_nm.as_mut().unwrap().gain = 0.0;
+    for error in [InputMap::new(&wrong, &database).err(), SensorMap::new(&wrong, &database).err()] {
+        let error = error.unwrap().to_string();
+        assert!(error.contains("[can.sensors.torque_nm] gain"), "{error}");
+    }
     let mut wrong = settings;
     wrong.fixture.as_mut().unwrap().run = "FIXTURE_RUN.Runs".to_owned();
     let error = OutputMap::new(&wrong, &database).err().unwrap().to_string();

@@ -8,7 +8,7 @@ use crate::rig_file::{DeviceSpec, Rig, WIRED};
 use drivers::can::Interface;
 use drivers::dbc::Database;
 use drivers::journal::{JournalReader, Severity};
-use drivers::nodes::{Emulator, EmulatorError, EmulatorSettings, Statistics};
+use drivers::nodes::{Emulator, EmulatorSettings, Statistics};
 use drivers::wired::{AmplifierSettings, CanSettings};
 use model::{ModelFile, Parameters};
 use rt_core::SafeState;
@@ -88,17 +88,8 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     let prepare = move || drop(granted.send(prepare_thread(&request)));
     // Before the wires exist: who sees them may stop this at once.
     let (switches, _driving) = interrupt::driving()?;
-    let emulator =
-        Emulator::start(&settings, &database, factory, prepare, journals.journal("rig")).map_err(|error| {
-            let input = matches!(
-                error,
-                EmulatorError::Signal { .. }
-                    | EmulatorError::Setting { .. }
-                    | EmulatorError::Amplifier(_)
-                    | EmulatorError::Plant(_)
-            );
-            Failure::of(if input { Kind::Input } else { Kind::Device }, &error)
-        })?;
+    let emulator = Emulator::start(&settings, &database, factory, prepare, journals.journal("rig"))
+        .map_err(|error| Failure::of(if error.is_configuration() { Kind::Input } else { Kind::Device }, &error))?;
     for grant in grants.recv_timeout(LONGEST_WAIT).unwrap_or_default().iter().filter(|grant| grant.is_refused()) {
         progress.say(&format!("without real time ({}): answers may come late", grant.what));
     }

@@ -1,30 +1,12 @@
 //! The bench's frames as nodes read them: `[can.command]` and `[can.fixture]` from the other end.
 
-use super::EmulatorError;
 use super::plant::{Counter, Sync};
 use crate::can::{Frame, FrameId};
-use crate::dbc::{Codec, Database, Message};
+use crate::dbc::{Codec, Database};
 use crate::emulated;
-use crate::wired::{CanSettings, FixtureNumbers, Preparation};
+use crate::wired::signals::{Meaning, commanded, modulus};
+use crate::wired::{CanSettings, FixtureNumbers, MappingError, Preparation};
 use rt_core::{Command, Fixture};
-
-/// What a signal says.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Meaning {
-    BrakeOpen,
-    BypassOpen,
-    Counter,
-    Running,
-    Kind,
-    AngleDeg,
-    Pressure1Bar,
-    Pressure2Bar,
-    FlowMlS,
-    Segment,
-    Run,
-    Vertical,
-    FillBar,
-}
 
 /// Everything that was said last.
 #[derive(Clone, Copy, Debug)]
@@ -60,47 +42,16 @@ impl CommandMap {
     ///
     /// # Errors
     /// A signal that does not exist or can't be used; names the rig file's key.
-    pub fn new(settings: &CanSettings, database: &Database) -> Result<CommandMap, EmulatorError> {
-        let command = &settings.command;
-        let mut wanted = vec![
-            ("[can.command] brake_open", Meaning::BrakeOpen, &command.brake_open),
-            ("[can.command] bypass_open", Meaning::BypassOpen, &command.bypass_open),
-        ];
-        wanted.extend(command.running.as_ref().map(|name| ("[can.command] running", Meaning::Running, name)));
-        wanted.extend(command.counter.as_ref().map(|name| ("[can.command] counter", Meaning::Counter, name)));
-        if let Some(fixture) = &settings.fixture {
-            wanted.extend([
-                ("[can.fixture] kind", Meaning::Kind, &fixture.kind),
-                ("[can.fixture] angle_deg", Meaning::AngleDeg, &fixture.angle_deg),
-                ("[can.fixture] pressure1_bar", Meaning::Pressure1Bar, &fixture.pressure1_bar),
-                ("[can.fixture] pressure2_bar", Meaning::Pressure2Bar, &fixture.pressure2_bar),
-                ("[can.fixture] flow_ml_s", Meaning::FlowMlS, &fixture.flow_ml_s),
-                ("[can.fixture] segment", Meaning::Segment, &fixture.segment),
-                ("[can.fixture] run", Meaning::Run, &fixture.run),
-                ("[can.fixture] vertical", Meaning::Vertical, &fixture.vertical),
-                ("[can.fixture] fill_bar", Meaning::FillBar, &fixture.fill_bar),
-            ]);
-        }
-        let (mut signals, mut sync, mut modulus) = (vec![], None, None);
-        for (key, meaning, name) in wanted {
-            let (message, codec) = find(database, name, || key.to_owned())?;
-            signals.push((message.id, meaning, codec));
-            match meaning {
-                Meaning::BrakeOpen => sync = sync.or(Some(message.id)),
-                Meaning::Counter => {
-                    sync = Some(message.id);
-                    modulus = Some(values(codec));
-                }
-                _ => {}
-            }
-        }
-        let sync = sync.expect("brake_open is always looked up");
+    pub fn new(settings: &CanSettings, database: &Database) -> Result<CommandMap, MappingError> {
+        let (signals, sync) = commanded(settings, database)?;
+        let counter = signals.iter().find(|signal| signal.meaning == Meaning::Counter);
+        let modulus = counter.map(|counter| modulus(counter.codec));
         let idle = emulated::Settings::default();
         let said = Said {
             brake_open: idle.start.brake_open,
             bypass_open: idle.start.bypass_open,
             counter: 0,
-            running: command.running.is_none(),
+            running: settings.command.running.is_none(),
             kind: 0,
             angle_deg: 0.0,
             pressure1_bar: idle.fill_bar,
@@ -111,7 +62,8 @@ impl CommandMap {
             vertical: idle.vertical,
             fill_bar: idle.fill_bar,
         };
-        Ok(CommandMap { signals, sync, modulus, said, fixture: Fixture::Free })
+        let signals = signals.iter().map(|signal| (signal.message.id, signal.meaning, signal.codec)).collect();
+        Ok(CommandMap { signals, sync: sync.id, modulus, said, fixture: Fixture::Free })
     }
 
     /// The identifiers of the frames that say something.
@@ -171,20 +123,4 @@ impl Said {
             Meaning::FillBar => self.fill_bar = value,
         }
     }
-}
-
-/// How many values a counter has: its highest and 0.
-pub(super) fn values(codec: Codec) -> u64 {
-    (codec.range().1 as u64).saturating_add(1).clamp(2, 1 << 16)
-}
-
-/// A signal with its message; the error names the key that asked for it.
-pub(super) fn find<'a>(
-    database: &'a Database,
-    path: &str,
-    key: impl FnOnce() -> String,
-) -> Result<(&'a Message, Codec), EmulatorError> {
-    let found =
-        database.signal(path).map_err(|source| EmulatorError::Signal { key: key(), source: Box::new(source) })?;
-    Ok((found.0, found.1.codec))
 }

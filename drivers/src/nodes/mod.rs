@@ -23,10 +23,10 @@ pub use sensor_map::SensorMap;
 
 use crate::amplifier::{self, AmplifierError, Fault};
 use crate::can::{CanError, Interface};
-use crate::dbc::{Database, DbcError};
+use crate::dbc::Database;
 use crate::journal::Journal;
 use crate::serial::Pty;
-use crate::wired::{AmplifierSettings, CanSettings};
+use crate::wired::{AmplifierSettings, CanSettings, MappingError};
 use rt_core::{Measurement, SafeState};
 use std::collections::VecDeque;
 use std::io;
@@ -130,24 +130,16 @@ pub const MOST_SHOWN: usize = 1024;
 /// Why an emulated rig can't be put on the wires.
 #[derive(Debug, thiserror::Error)]
 pub enum EmulatorError {
-    /// The settings name a signal that can't be used.
-    #[error("{key}: {source}")]
-    Signal {
-        /// Key of the rig file.
-        key: String,
-        /// Why not.
-        #[source]
-        source: Box<DbcError>,
-    },
-    /// A setting makes no sense.
-    #[error("{key}: expected {expected}, got {got}")]
-    Setting {
-        /// Key of the rig file, or name of the option.
-        key: String,
-        /// What can be used.
-        expected: String,
-        /// What is there.
-        got: String,
+    /// What the settings say of the bus.
+    #[error(transparent)]
+    Mapping(#[from] MappingError),
+    /// A time-out that makes no sense.
+    #[error("{name}: expected more than 0 and less than 1e6 ms, got {timeout_ms}")]
+    Timeout {
+        /// Name of the option.
+        name: &'static str,
+        /// What is there, ms.
+        timeout_ms: f64,
     },
     /// The amplifier's settings.
     #[error(transparent)]
@@ -164,6 +156,14 @@ pub enum EmulatorError {
     /// The system.
     #[error("the emulated rig's thread: {0}")]
     Thread(#[source] io::Error),
+}
+
+impl EmulatorError {
+    /// Whether the configuration is to be corrected, and not the machine.
+    pub fn is_configuration(&self) -> bool {
+        use EmulatorError::{Amplifier, Mapping, Plant, Timeout};
+        matches!(self, Mapping(_) | Timeout { .. } | Amplifier(_) | Plant(_))
+    }
 }
 
 /// An emulated rig on the wires, in a thread of its own. Dropped, it goes away as if it had been unplugged.
@@ -197,12 +197,11 @@ impl Emulator {
         prepare: impl FnOnce() + Send + 'static,
         journal: Journal,
     ) -> Result<Emulator, EmulatorError> {
-        for (key, value) in
-            [("node_timeout_ms", settings.node_timeout_ms), ("amplifier_timeout_ms", settings.amplifier_timeout_ms)]
-        {
-            if !(value > 0.0 && value < 1e6) {
-                let (expected, got) = ("more than 0 and less than 1e6 ms".to_owned(), value.to_string());
-                return Err(EmulatorError::Setting { key: key.to_owned(), expected, got });
+        let timeouts =
+            [("node_timeout_ms", settings.node_timeout_ms), ("amplifier_timeout_ms", settings.amplifier_timeout_ms)];
+        for (name, timeout_ms) in timeouts {
+            if !(timeout_ms > 0.0 && timeout_ms < 1e6) {
+                return Err(EmulatorError::Timeout { name, timeout_ms });
             }
         }
         let mut commands = CommandMap::new(&settings.can, database)?;

@@ -12,12 +12,11 @@
 //! | `TemperatureC`, `SupplyV` | 31.5, 24 |
 //! | `Errors` | time-outs and refused commands |
 
-use super::EmulatorError;
-use super::command_map::{find, values};
 use super::plant::Answer;
 use crate::can::{Frame, FrameId};
 use crate::dbc::{Codec, Database, Message};
-use crate::wired::{CanSettings, Sensor};
+use crate::wired::signals::{Sensed, heartbeats, modulus, sensed};
+use crate::wired::{CanSettings, MappingError};
 use rt_core::Input;
 use std::collections::BTreeSet;
 
@@ -72,23 +71,15 @@ impl SensorMap {
     ///
     /// # Errors
     /// A signal or a message that does not exist or can't be used; names the rig file's key.
-    pub fn new(settings: &CanSettings, database: &Database) -> Result<SensorMap, EmulatorError> {
+    pub fn new(settings: &CanSettings, database: &Database) -> Result<SensorMap, MappingError> {
         let mut map = SensorMap { sent: vec![], encoder: None };
-        for (input, sensor) in Input::ALL.into_iter().zip(settings.sensors.by_input()) {
-            if let Some(sensor) = sensor {
-                let id = map.add_sensor(input, sensor, database)?;
-                if input == Input::Angle {
-                    map.encoder = Some(id);
-                }
+        for sensor in &sensed(settings, database)? {
+            map.add_sensor(sensor);
+            if sensor.input == Input::Angle {
+                map.encoder = Some(sensor.message.id);
             }
         }
-        for heartbeat in &settings.heartbeat {
-            let missing = || EmulatorError::Setting {
-                key: "[[can.heartbeat]] message".to_owned(),
-                expected: "a message of the database".to_owned(),
-                got: format!("{:?}", heartbeat.message),
-            };
-            let message = database.message(&heartbeat.message).ok_or_else(missing)?;
+        for (heartbeat, message) in heartbeats(settings, database)? {
             if !map.sent.iter().any(|sent| sent.frame.id == message.id) {
                 // The rig file says how long it may be silent at most.
                 map.add_cyclic(message, message.cycle_time_ms.unwrap_or(0.5 * heartbeat.period_ms));
@@ -107,31 +98,9 @@ impl SensorMap {
         Ok(map)
     }
 
-    fn add_sensor(&mut self, input: Input, sensor: &Sensor, database: &Database) -> Result<FrameId, EmulatorError> {
-        let key = |part: &str| format!("[can.sensors.{}] {part}", input.column());
-        let (message, codec) = find(database, &sensor.signal, || key("signal"))?;
-        if sensor.gain == 0.0 || !sensor.gain.is_finite() || !sensor.offset.is_finite() {
-            let (expected, got) = ("a finite number other than 0".to_owned(), sensor.gain.to_string());
-            return Err(EmulatorError::Setting { key: key("gain"), expected, got });
-        }
-        let has_present = sensor.present.is_some();
-        let mut signals = vec![(Meaning::Value { gain: sensor.gain, offset: sensor.offset }, codec)];
-        for (part, name) in [("fault", &sensor.fault), ("present", &sensor.present), ("counter", &sensor.counter)] {
-            let Some(name) = name else { continue };
-            let (other, codec) = find(database, name, || key(part))?;
-            if other.id != message.id {
-                let expected = format!("a signal of {}, the message of the value", message.name);
-                return Err(EmulatorError::Setting { key: key(part), expected, got: format!("{name:?}") });
-            }
-            let meaning = match part {
-                "fault" => Meaning::Fault,
-                "present" => Meaning::Present,
-                _ => Meaning::Counter { modulus: values(codec) },
-            };
-            signals.push((meaning, codec));
-        }
-        let id = message.id;
-        let place = match self.sent.iter().position(|sent| sent.frame.id == id) {
+    fn add_sensor(&mut self, sensed: &Sensed<'_>) {
+        let Sensed { input, sensor, message, value, fault, present, counter } = *sensed;
+        let place = match self.sent.iter().position(|sent| sent.frame.id == message.id) {
             Some(place) => place,
             None => {
                 self.sent.push(Sent::new(message, message.cycle_time_ms.filter(|&cycle_ms| cycle_ms > 1.0)));
@@ -139,11 +108,19 @@ impl SensorMap {
             }
         };
         let sent = &mut self.sent[place];
-        if sensor.counter.is_some() {
+        if counter.is_some() {
             sent.period_ns = None;
         }
-        sent.signals.extend(signals.into_iter().map(|(meaning, codec)| Mapped { meaning, codec, input, has_present }));
-        Ok(id)
+        // The value first: whether it fits decides what its fault says.
+        let signals = [
+            Some((Meaning::Value { gain: sensor.gain, offset: sensor.offset }, value)),
+            fault.map(|codec| (Meaning::Fault, codec)),
+            present.map(|codec| (Meaning::Present, codec)),
+            counter.map(|codec| (Meaning::Counter { modulus: modulus(codec) }, codec)),
+        ];
+        let has_present = present.is_some();
+        let mapped = |(meaning, codec)| Mapped { meaning, codec, input, has_present };
+        sent.signals.extend(signals.into_iter().flatten().map(mapped));
     }
 
     fn add_cyclic(&mut self, message: &Message, period_ms: f64) {
@@ -153,7 +130,7 @@ impl SensorMap {
                 "BrakeIsOpen" => Meaning::BrakeIsOpen,
                 "BypassIsOpen" => Meaning::BypassIsOpen,
                 "TimedOut" => Meaning::TimedOut,
-                "Counter" => Meaning::Counter { modulus: values(signal.codec) },
+                "Counter" => Meaning::Counter { modulus: modulus(signal.codec) },
                 "TemperatureC" => Meaning::TemperatureC,
                 "SupplyV" => Meaning::SupplyV,
                 "Errors" => Meaning::Errors,

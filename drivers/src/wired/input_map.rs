@@ -1,9 +1,9 @@
 //! Frames to measured quantities: which signal of which message is what, calibrated, with the time at which it was measured.
 
-use super::WiredError;
-use super::settings::{CanSettings, Sensor};
+use super::settings::CanSettings;
+use super::signals::{MappingError, Sensed, modulus, sensed};
 use crate::can::{Frame, FrameId, TimedFrame};
-use crate::dbc::{Codec, Database, Message};
+use crate::dbc::{Codec, Database};
 use rt_core::{Input, Measurement, PERIOD_NS, Tick};
 
 /// An echoed counter that is further back than this is of another run; its frame's time says more.
@@ -60,13 +60,8 @@ impl InputMap {
     ///
     /// # Errors
     /// A signal that does not exist or can't be used, a companion in another message; names the rig file's key.
-    pub fn new(settings: &CanSettings, database: &Database) -> Result<InputMap, WiredError> {
-        let mut sensors = vec![];
-        for (input, sensor) in Input::ALL.into_iter().zip(settings.sensors.by_input()) {
-            if let Some(sensor) = sensor {
-                sensors.push(Mapped::new(input, sensor, database)?);
-            }
-        }
+    pub fn new(settings: &CanSettings, database: &Database) -> Result<InputMap, MappingError> {
+        let sensors = sensed(settings, database)?.iter().map(Mapped::new).collect();
         Ok(InputMap { sensors, readings: [None; 5], outdated: 0 })
     }
 
@@ -145,35 +140,19 @@ impl InputMap {
 }
 
 impl Mapped {
-    fn new(input: Input, sensor: &Sensor, database: &Database) -> Result<Mapped, WiredError> {
-        let key = |part: &str| format!("[can.sensors.{}] {part}", input.column());
-        let (message, value) = find(database, &sensor.signal, || key("signal"))?;
-        let companion = |part: &str, name: &Option<String>| match name {
-            None => Ok(None),
-            Some(name) => {
-                let (other, codec) = find(database, name, || key(part))?;
-                if other.id == message.id {
-                    return Ok(Some(codec));
-                }
-                Err(WiredError::Mapping {
-                    key: key(part),
-                    expected: format!("a signal of {}, the message of the value", message.name),
-                    got: format!("{name:?}"),
-                })
-            }
-        };
-        let counter = companion("counter", &sensor.counter)?;
-        Ok(Mapped {
+    fn new(sensed: &Sensed<'_>) -> Mapped {
+        let Sensed { input, sensor, message, value, fault, present, counter } = *sensed;
+        Mapped {
             input,
             id: message.id,
             value,
             gain: sensor.gain,
             offset: sensor.offset,
-            fault: companion("fault", &sensor.fault)?,
-            present: companion("present", &sensor.present)?,
+            fault,
+            present,
             counter: counter.map(|codec| Echo { codec, modulus: modulus(codec) }),
             latency_ns: (sensor.latency_ms.max(0.0) * 1e6) as u64,
-        })
+        }
     }
 
     fn read(&self, received: &TimedFrame, commanded: Option<u64>) -> Option<Reading> {
@@ -197,23 +176,5 @@ impl Echo {
         let counter = self.codec.decode(frame.data())? as u64;
         let back = (commanded % self.modulus + self.modulus - counter % self.modulus) % self.modulus;
         if back < OLDEST_ECHO_TICKS.min(self.modulus / 2) { commanded.checked_sub(back) } else { None }
-    }
-}
-
-/// A counter's values: 0 up to this, exclusive.
-pub(super) fn modulus(codec: Codec) -> u64 {
-    let (_, most) = codec.range();
-    (most as u64).saturating_add(1).min(1 << 16)
-}
-
-/// A signal with its message; the error names the key that asked for it.
-pub(super) fn find<'a>(
-    database: &'a Database,
-    path: &str,
-    key: impl FnOnce() -> String,
-) -> Result<(&'a Message, Codec), WiredError> {
-    match database.signal(path) {
-        Ok((message, signal)) => Ok((message, signal.codec)),
-        Err(source) => Err(WiredError::Signal { key: key(), source: Box::new(source) }),
     }
 }

@@ -5,19 +5,23 @@
 //! and its age says so.
 
 mod error;
+mod fixture;
 mod input_map;
 mod output_map;
 mod preparation;
 mod rig;
 pub mod settings;
+pub(crate) mod signals;
 mod twins;
 
 pub use error::WiredError;
+pub use fixture::FixtureKind;
+pub(crate) use fixture::FixtureNumbers;
 pub use input_map::InputMap;
-pub(crate) use output_map::FixtureNumbers;
-pub use output_map::{Around, FixtureKind, MOST_FRAMES, OutputMap};
+pub use output_map::{Around, MOST_FRAMES, OutputMap};
 pub use preparation::Preparation;
 pub use rig::WiredRig;
 pub use settings::{
     AmplifierSettings, CanSettings, CommandSignals, FixtureSignals, Heartbeat, Sensor, Sensors, Settings, TmclSettings,
 };
+pub use signals::MappingError;

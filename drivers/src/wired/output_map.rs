@@ -1,103 +1,17 @@
 //! The command of a tick to frames: valves and counter every tick, the fixture when it changes and every now and then.
 
-use super::input_map::{find, modulus};
+use super::Preparation;
+use super::fixture::FixtureNumbers;
 use super::settings::CanSettings;
-use super::{Preparation, WiredError};
+use super::signals::{Commanded, MappingError, Meaning, commanded, modulus};
 use crate::can::{Frame, FrameId};
-use crate::dbc::{Codec, Database, Message, OutOfRange};
-use rt_core::{Command, Fixture};
-
-/// How a fixture is named on the bus.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u8)]
-#[allow(missing_docs, reason = "the names are those of rt_core::Fixture")]
-pub enum FixtureKind {
-    Free = 0,
-    Clamped = 1,
-    Driven = 2,
-    Filled = 3,
-    Released = 4,
-    PumpBench = 5,
-}
-
-/// A fixture as the numbers that go over the bus; what a kind does not use is 0.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct FixtureNumbers {
-    pub kind: FixtureKind,
-    pub angle_deg: f64,
-    pub pressure1_bar: f64,
-    pub pressure2_bar: f64,
-    pub flow_ml_s: f64,
-}
-
-impl From<Fixture> for FixtureNumbers {
-    fn from(fixture: Fixture) -> Self {
-        let none = FixtureNumbers {
-            kind: FixtureKind::Free,
-            angle_deg: 0.0,
-            pressure1_bar: 0.0,
-            pressure2_bar: 0.0,
-            flow_ml_s: 0.0,
-        };
-        match fixture {
-            Fixture::Free => none,
-            Fixture::Clamped { angle_deg } => FixtureNumbers { kind: FixtureKind::Clamped, angle_deg, ..none },
-            Fixture::Driven { angle_deg } => FixtureNumbers { kind: FixtureKind::Driven, angle_deg, ..none },
-            Fixture::Filled { angle_deg, pressure1_bar, pressure2_bar } => {
-                FixtureNumbers { kind: FixtureKind::Filled, angle_deg, pressure1_bar, pressure2_bar, ..none }
-            }
-            Fixture::Released { angle_deg, flow_ml_s } => {
-                FixtureNumbers { kind: FixtureKind::Released, angle_deg, flow_ml_s, ..none }
-            }
-            Fixture::PumpBench { pressure1_bar, pressure2_bar } => {
-                FixtureNumbers { kind: FixtureKind::PumpBench, pressure1_bar, pressure2_bar, ..none }
-            }
-        }
-    }
-}
-
-impl FixtureNumbers {
-    /// The fixture again; `None` for a kind that there is not.
-    pub fn fixture(
-        kind: u8,
-        angle_deg: f64,
-        pressure1_bar: f64,
-        pressure2_bar: f64,
-        flow_ml_s: f64,
-    ) -> Option<Fixture> {
-        Some(match kind {
-            0 => Fixture::Free,
-            1 => Fixture::Clamped { angle_deg },
-            2 => Fixture::Driven { angle_deg },
-            3 => Fixture::Filled { angle_deg, pressure1_bar, pressure2_bar },
-            4 => Fixture::Released { angle_deg, flow_ml_s },
-            5 => Fixture::PumpBench { pressure1_bar, pressure2_bar },
-            _ => return None,
-        })
-    }
-}
-
-/// What a signal says.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Meaning {
-    BrakeOpen,
-    BypassOpen,
-    Counter,
-    Running,
-    Kind,
-    AngleDeg,
-    Pressure1Bar,
-    Pressure2Bar,
-    FlowMlS,
-    Segment,
-    Run,
-    Vertical,
-    FillBar,
-}
+use crate::dbc::{Codec, Database, OutOfRange};
+use rt_core::Command;
 
 /// A message that is sent, with what its signals say.
 struct Sent {
     frame: Frame,
+    /// With how many values each can count.
     signals: Vec<(Meaning, Codec, u64)>,
     /// It is sent again after so many ticks; 1 = every tick.
     every_ticks: u32,
@@ -138,60 +52,29 @@ impl OutputMap {
     ///
     /// # Errors
     /// A signal that does not exist or can't be used, more than [`MOST_FRAMES`] messages; names the rig file's key.
-    pub fn new(settings: &CanSettings, database: &Database) -> Result<OutputMap, WiredError> {
-        let command = &settings.command;
-        let mut wanted = vec![
-            ("[can.command] brake_open", Meaning::BrakeOpen, &command.brake_open),
-            ("[can.command] bypass_open", Meaning::BypassOpen, &command.bypass_open),
-        ];
-        wanted.extend(command.running.as_ref().map(|name| ("[can.command] running", Meaning::Running, name)));
-        if let Some(fixture) = &settings.fixture {
-            wanted.extend([
-                ("[can.fixture] kind", Meaning::Kind, &fixture.kind),
-                ("[can.fixture] angle_deg", Meaning::AngleDeg, &fixture.angle_deg),
-                ("[can.fixture] pressure1_bar", Meaning::Pressure1Bar, &fixture.pressure1_bar),
-                ("[can.fixture] pressure2_bar", Meaning::Pressure2Bar, &fixture.pressure2_bar),
-                ("[can.fixture] flow_ml_s", Meaning::FlowMlS, &fixture.flow_ml_s),
-                ("[can.fixture] segment", Meaning::Segment, &fixture.segment),
-                ("[can.fixture] run", Meaning::Run, &fixture.run),
-                ("[can.fixture] vertical", Meaning::Vertical, &fixture.vertical),
-                ("[can.fixture] fill_bar", Meaning::FillBar, &fixture.fill_bar),
-            ]);
+    pub fn new(settings: &CanSettings, database: &Database) -> Result<OutputMap, MappingError> {
+        let (signals, sync) = commanded(settings, database)?;
+        let counter = signals.iter().find(|signal| signal.meaning == Meaning::Counter);
+        let mut map = OutputMap { sent: vec![], modulus: counter.map_or(1 << 16, |counter| modulus(counter.codec)) };
+        for signal in &signals {
+            map.add(signal, signal.message.id == sync.id)?;
         }
-        // The message with the counter, or with the brake where there is none, is what nodes act on: last.
-        wanted.extend(command.counter.as_ref().map(|name| ("[can.command] counter", Meaning::Counter, name)));
-        let sync = command.counter.as_ref().unwrap_or(&command.brake_open);
-        let (sync, _) = find(database, sync, || "[can.command]".to_owned())?;
-
-        let mut map = OutputMap { sent: vec![], modulus: 1 << 16 };
-        for (key, meaning, name) in wanted {
-            let (message, codec) = find(database, name, || key.to_owned())?;
-            if meaning == Meaning::Counter {
-                map.modulus = modulus(codec);
-            }
-            map.add(key, message, meaning, codec, message.id == sync.id)?;
-        }
+        // What nodes act on is the last.
         map.sent.sort_by_key(|sent| sent.frame.id == sync.id);
         Ok(map)
     }
 
-    fn add(
-        &mut self,
-        key: &str,
-        message: &Message,
-        meaning: Meaning,
-        codec: Codec,
-        sync: bool,
-    ) -> Result<(), WiredError> {
+    fn add(&mut self, signal: &Commanded<'_>, sync: bool) -> Result<(), MappingError> {
+        let Commanded { key, meaning, message, codec } = *signal;
         let place = match self.sent.iter().position(|sent| sent.frame.id == message.id) {
             Some(place) => place,
             None => {
-                let mapping =
-                    |expected: String, got: String| WiredError::Mapping { key: key.to_owned(), expected, got };
+                let refused =
+                    |expected: String, got: String| MappingError::Setting { key: key.to_owned(), expected, got };
                 let frame = Frame::new(message.id, &vec![0; message.length])
-                    .ok_or_else(|| mapping("at most 8 bytes".to_owned(), format!("{}", message.length)))?;
+                    .ok_or_else(|| refused("at most 8 bytes".to_owned(), format!("{}", message.length)))?;
                 if self.sent.len() == MOST_FRAMES {
-                    return Err(mapping(format!("at most {MOST_FRAMES} command messages"), message.name.clone()));
+                    return Err(refused(format!("at most {MOST_FRAMES} command messages"), message.name.clone()));
                 }
                 let every_ticks = match message.cycle_time_ms {
                     Some(cycle_ms) if !sync && cycle_ms > 1.0 => cycle_ms.round() as u32,
@@ -201,9 +84,7 @@ impl OutputMap {
                 self.sent.len() - 1
             }
         };
-        let modulus =
-            if matches!(meaning, Meaning::Counter | Meaning::Segment | Meaning::Run) { modulus(codec) } else { 0 };
-        self.sent[place].signals.push((meaning, codec, modulus));
+        self.sent[place].signals.push((meaning, codec, modulus(codec)));
         Ok(())
     }
 
@@ -252,7 +133,7 @@ impl Meaning {
     fn value(self, command: &Command, around: &Around, modulus: u64) -> f64 {
         let bit = |set: bool| f64::from(u8::from(set));
         let fixture = FixtureNumbers::from(command.fixture);
-        let counted = |n: u64| (n % modulus.max(1)) as f64;
+        let counted = |n: u64| (n % modulus) as f64;
         match self {
             Meaning::BrakeOpen => bit(command.brake_open),
             Meaning::BypassOpen => bit(command.bypass_open),

@@ -3,6 +3,7 @@
 use super::input_map::InputMap;
 use super::output_map::{Around, MOST_FRAMES, OutputMap};
 use super::settings::Settings;
+use super::signals;
 use super::twins::{self, Twins};
 use super::{Preparation, WiredError};
 use crate::can::{BusState, CanLink, Frame, FrameId, Interface};
@@ -68,15 +69,10 @@ impl WiredRig {
     ) -> Result<WiredRig, WiredError> {
         let inputs = InputMap::new(&settings.can, database)?;
         let outputs = OutputMap::new(&settings.can, database)?;
-        let mut heartbeats = vec![];
-        for heartbeat in &settings.can.heartbeat {
-            let message = database.message(&heartbeat.message).ok_or_else(|| WiredError::Mapping {
-                key: "[[can.heartbeat]] message".to_owned(),
-                expected: "a message of the database".to_owned(),
-                got: format!("{:?}", heartbeat.message),
-            })?;
-            heartbeats.push(Heartbeat { id: message.id, name: message.name.clone(), heard_ns: None });
-        }
+        let heartbeats: Vec<Heartbeat> = signals::heartbeats(&settings.can, database)?
+            .into_iter()
+            .map(|(_, message)| Heartbeat { id: message.id, name: message.name.clone(), heard_ns: None })
+            .collect();
         let mut wanted = inputs.wanted();
         wanted.extend(heartbeats.iter().map(|heartbeat| heartbeat.id));
         wanted.sort_unstable();
