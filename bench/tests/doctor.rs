@@ -371,7 +371,13 @@ fn states_of_can_interfaces() {
     let two = Machine::good().with("/sys/class/net/can1/type", "280");
     two.says("CAN", State::Problem, &["can0 500000 bit/s", "can1 is down", "bitrate 500000"]);
     asked(Machine::good(), "can7").says("CAN", State::Problem, &["can7 is no CAN interface", "modprobe vcan"]);
-    asked(Machine::good(), "lo").says("CAN", State::Problem, &["lo is no CAN interface"]);
+    asked(Machine::good(), "lo").says("CAN", State::Problem, &["lo is a network interface, and none of CAN", "can0"]);
+    let without_restart = CAN_UP.replace("STATE", "ERROR-ACTIVE").replace("\"restart_ms\":100", "\"restart_ms\":0");
+    Machine::good().but(|s| s.ip_links = Some(without_restart)).says(
+        "CAN",
+        State::Advice,
+        &["ERROR-ACTIVE", "restart-ms 0", "restart-ms 100"],
+    );
     let without = packed("# CONFIG_CAN is not set\n");
     let no_can = Machine::good().with_bytes("/proc/config.gz", &without);
     asked(no_can, "can7").says("CAN", State::Problem, &["built without CAN", "linux-image-amd64"]);

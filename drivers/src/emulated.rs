@@ -161,8 +161,7 @@ impl EmulatedRig {
         let Command { voltage_v, brake_open, fixture, .. } = self.command;
         let shut_off = !brake_open && !matches!(fixture, Fixture::PumpBench { .. });
         let difference_bar = self.x[state::PRESSURE1] - self.x[state::PRESSURE2];
-        let flow_ml_s =
-            if shut_off { 0.0 } else { rec::pump_flow(&self.parameters, voltage_v, difference_bar).0 };
+        let flow_ml_s = if shut_off { 0.0 } else { rec::pump_flow(&self.parameters, voltage_v, difference_bar).0 };
         Pump { voltage_v, difference_bar, flow_ml_s }
     }
 

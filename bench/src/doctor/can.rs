@@ -30,6 +30,7 @@ struct Controller {
     berr_counter: Option<ErrorCounters>,
     bittiming: Option<BitTiming>,
     data_bittiming: Option<BitTiming>,
+    restart_ms: Option<u64>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -66,6 +67,12 @@ pub(super) fn interfaces(surroundings: &Surroundings) -> Verdict {
     };
     let wanted = if asked.can.is_empty() { &present } else { &asked.can };
     let judged = wanted.iter().map(|name| {
+        if !present.contains(name) && root.number(format!("/sys/class/net/{name}/type")).is_some() {
+            return Verdict::problem(
+                format!("{name} is a network interface, and none of CAN"),
+                "name one of CAN, can0 as a rule",
+            );
+        }
         if !present.contains(name) {
             let (found, remedy) = missing(root, name);
             return Verdict::problem(format!("{name} is no CAN interface{found}"), remedy);
@@ -139,6 +146,10 @@ fn judge(link: &Link) -> Verdict {
     let found = format!("{name} {rate}, {state}{counters}");
     let wiring = "check wiring, 120 ohm at both ends, the supply of the nodes, and that all have this bit rate";
     match state {
+        "ERROR-ACTIVE" if controller.restart_ms == Some(0) => Verdict::advice(
+            format!("{found}, stays off the bus after a bus-off (restart-ms 0)"),
+            format!("`ip link set {name} down; ip link set {name} up type can restart-ms 100`"),
+        ),
         "ERROR-ACTIVE" => Verdict::ok(found),
         "ERROR-WARNING" | "ERROR-PASSIVE" => Verdict::advice(found, wiring),
         "BUS-OFF" => Verdict::problem(found, format!("{wiring}; then {set_up}")),
