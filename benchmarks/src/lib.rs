@@ -4,7 +4,11 @@
 //! |---|---|
 //! | `cargo run --release -p benchmarks --bin lockstep` | times real time in virtual time, without subscribers and with the recording logger; memory over an hour |
 //! | `cargo run --release -p benchmarks --bin instructions` | instructions of a tick, in all and by stage (callgrind) |
+//! | `cargo run --release -p benchmarks --bin serial_wire` | age of the newest report over a serial port, beside the bare port |
+//! | `cargo run --release -p benchmarks --bin can_wire` | age of the newest sample over CAN, beside the bare socket |
 //! | `benchmarks/lateness.sh` | lateness of the loop's wake-ups against cyclictest, idle and under load |
+
+pub mod wire;
 
 use bench::controller::{PumpController, Settings as ControllerSettings};
 use drivers::EmulatedRig;

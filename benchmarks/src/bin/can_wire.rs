@@ -11,13 +11,13 @@
 //! node made it, so the age at the tick is measured in the same way in both. Ends with 3 where a sample was missing at its tick more
 //! often than once in a thousand ticks.
 
+use benchmarks::wire::{head, row};
 use benchmarks::{Target, exit};
 use drivers::can::{CanLink, Frame, FrameId, Interface};
 use drivers::journal::JournalReader;
+use rt_core::system::time::{monotonic_ns, sleep_until_ns};
 use rt_core::system::{Request, prepare_thread};
 use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType, accept, bind, connect, listen, socket_with};
-use rustix::thread::clock_nanosleep_absolute;
-use rustix::time::{ClockId, Timespec, clock_gettime};
 use socketcan::{CanFilter, CanSocket, Socket, SocketOptions};
 use std::error::Error;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
@@ -73,9 +73,9 @@ fn measure(interface: &Interface, seconds: u64) -> Result<bool, Box<dyn Error>> 
 
     let (mut by_bare, mut by_link) = (Figures::default(), Figures::default());
     for _ in 0..seconds.div_ceil(2) {
-        let start_ns = now_ns() + PERIOD_NS;
+        let start_ns = monotonic_ns() + PERIOD_NS;
         by_bare.slice(start_ns, |figures, tick| figures.bare(&bare, tick))?;
-        let start_ns = now_ns() + PERIOD_NS;
+        let start_ns = monotonic_ns() + PERIOD_NS;
         by_link.slice(start_ns, |figures, tick| figures.link(&mut link, tick))?;
     }
     let state = link.state();
@@ -89,7 +89,7 @@ fn measure(interface: &Interface, seconds: u64) -> Result<bool, Box<dyn Error>> 
         by_bare.ticks,
         if refused > 0 { " (without real-time priority)" } else { "" }
     );
-    println!("{:<44}{:>10}{:>10}{:>10}", "", "p50", "p99.9", "max");
+    head();
     let age = row("bare: age of the sample at the tick", &mut by_bare.age_ns, None);
     row("link: age of the newest sample at the tick", &mut by_link.age_ns, Some(age));
     let way = row("bare: from the command to the node", &mut by_bare.way_out_ns, None);
@@ -131,7 +131,7 @@ impl Figures {
         mut tick: impl FnMut(&mut Figures, u64) -> Result<(), Box<dyn Error>>,
     ) -> Result<(), Box<dyn Error>> {
         for n in 0..SLICE {
-            sleep_until(start_ns + n * PERIOD_NS);
+            sleep_until_ns(start_ns + n * PERIOD_NS);
             tick(self, n)?;
         }
         Ok(())
@@ -141,9 +141,9 @@ impl Figures {
         // The first tick of a slice has no sample of the tick before.
         if tick > 0 {
             self.ticks += 1;
-            self.age_ns.push(now_ns() - self.newest_ns);
+            self.age_ns.push(monotonic_ns() - self.newest_ns);
         }
-        let sent_ns = now_ns();
+        let sent_ns = monotonic_ns();
         socket.write(BARE.0, tick)?;
         let (_, made_ns) = loop {
             if let Some(answer) = socket.read()? {
@@ -151,7 +151,7 @@ impl Figures {
             }
         };
         self.way_out_ns.push(made_ns - sent_ns);
-        self.way_in_ns.push(now_ns() - made_ns);
+        self.way_in_ns.push(monotonic_ns() - made_ns);
         self.newest_ns = made_ns;
         Ok(())
     }
@@ -173,31 +173,13 @@ impl Figures {
                 self.missing += 1;
             }
             self.newest_ns = self.newest_ns.max(newest_ns);
-            self.age_ns.push(now_ns() - self.newest_ns);
+            self.age_ns.push(monotonic_ns() - self.newest_ns);
         }
-        self.sent_ns = now_ns();
+        self.sent_ns = monotonic_ns();
         let frame = |id| Frame::new(FrameId::Standard(id), &tick.to_le_bytes()).ok_or("8 bytes are a frame");
         link.send(&[frame(COMMANDS[0])?, frame(COMMANDS[1])?]);
         Ok(())
     }
-}
-
-/// Prints p50, p99.9 and max in us, with their ratios to another row's.
-fn row(name: &str, times_ns: &mut [u64], against: Option<[f64; 3]>) -> [f64; 3] {
-    times_ns.sort_unstable();
-    let at = |share: f64| {
-        let last = times_ns.len().saturating_sub(1);
-        times_ns.get((share * last as f64).round() as usize).map_or(f64::NAN, |&ns| ns as f64 * 1e-3)
-    };
-    let figures = [at(0.5), at(0.999), at(1.0)];
-    print!("{name:<44}{:>10.1}{:>10.1}{:>10.1}", figures[0], figures[1], figures[2]);
-    match against {
-        Some(bare) => {
-            println!("   ratios {:.2} {:.2} {:.2}", figures[0] / bare[0], figures[1] / bare[1], figures[2] / bare[2])
-        }
-        None => println!(),
-    }
-    figures
 }
 
 /// Answers each frame that it knows at once, with the time.
@@ -228,7 +210,7 @@ impl Node {
                     // The loop has closed its end.
                     Err(_) => break,
                 };
-                let made_ns = now_ns();
+                let made_ns = monotonic_ns();
                 answers.iter().try_for_each(|id| end.write(*id, made_ns))?;
             }
             Ok(())
@@ -323,14 +305,4 @@ fn exact_mask() -> u32 {
 
 fn seqpacket() -> rustix::io::Result<OwnedFd> {
     socket_with(AddressFamily::UNIX, SocketType::SEQPACKET, SocketFlags::CLOEXEC, None)
-}
-
-fn now_ns() -> u64 {
-    let now = clock_gettime(ClockId::Monotonic);
-    now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64
-}
-
-fn sleep_until(time_ns: u64) {
-    let until = Timespec { tv_sec: (time_ns / 1_000_000_000) as i64, tv_nsec: (time_ns % 1_000_000_000) as i64 };
-    while clock_nanosleep_absolute(ClockId::Monotonic, &until).is_err() {}
 }

@@ -7,10 +7,12 @@
 //! Slices of a second take turns at 1 kHz. *Bare*: the loop writes 10 bytes to a non-blocking port and polls it until 33 bytes are back.
 //! *Link*: [`SerialLink`] with a command and a request for telemetry each tick, and an emulated VESC at the other end; what the loop
 //! sees at a tick was answered to the tick before. Age counts from the reception of the answer in both; below it the way there
-//! and back. Ends with 3 where an answer was missing at the next tick more often than once in a thousand ticks.
+//! and back. Ends with 3 where an answer was missing at the next tick more often than once in a thousand ticks and than twice as often as
+//! at the bare port.
 //!
 //! Bytes of a pty pass through a worker of the kernel without real-time priority: do nothing else on the machine meanwhile.
 
+use benchmarks::wire::{head, row};
 use benchmarks::{Target, exit};
 use drivers::amplifier::{AmplifierSettings, DriveState, Outbox, protocol};
 use drivers::journal::JournalReader;
@@ -36,8 +38,8 @@ const SLICE: u64 = 1_000;
 const BARE: (usize, usize) = (10, 33);
 /// The bare port is polled for so long after the tick; then the answer is missing.
 const PATIENCE_NS: u64 = 900_000;
-/// Ticks without the answer to the tick before, of all.
-const MISSING: Target = Target::AtMost(1e-3);
+/// Ticks without the answer to the tick before, of all, that are no fault of the machine.
+const MISSING: f64 = 1e-3;
 /// Below the loop's: the link's thread, and the amplifiers.
 const PRIORITIES: [u8; 2] = [70, 60];
 
@@ -110,7 +112,7 @@ fn measure(seconds: u64) -> Result<bool, Box<dyn Error>> {
 
     let rights = if refused > 0 { " (without real-time priority)" } else { "" };
     println!("{} ticks each, us{rights}", by_link.ticks);
-    println!("{:<44}{:>10}{:>10}{:>10}", "", "p50", "p99.9", "max");
+    head();
     let age = row("bare: age of the answer at the next tick", &mut by_bare.age_ns, None);
     row("link: age of the newest report at the tick", &mut by_link.age_ns, Some(age));
     let way = row("bare: from the question to the answer", &mut by_bare.way_ns, None);
@@ -121,10 +123,13 @@ fn measure(seconds: u64) -> Result<bool, Box<dyn Error>> {
         println!("noted: {}", note.text);
     }
     println!("bare: ticks without the answer to the tick before: {} of {}", by_bare.missing, by_bare.ticks);
-    let missing = by_link.missing as f64 / by_link.ticks as f64;
-    let judged = MISSING.judge(missing);
+    // What the bare port misses, the machine and its pty miss.
+    let share = |figures: &Figures| figures.missing as f64 / figures.ticks as f64;
+    let (bare, missing) = (share(&by_bare), share(&by_link));
+    let target = Target::AtMost(MISSING.max(2.0 * bare));
+    let judged = target.judge(missing);
     println!("link: ticks without the answer to the tick before: {} of {}, {judged}", by_link.missing, by_link.ticks);
-    Ok(MISSING.reached_by(missing))
+    Ok(target.reached_by(missing))
 }
 
 /// Times of one kind of slice, ns.
@@ -200,22 +205,6 @@ impl Figures {
         link.command(0.0);
         self.call_ns.push(monotonic_ns() - began_ns);
     }
-}
-
-/// Prints p50, p99.9 and max in us, with their ratios to another row's.
-fn row(name: &str, times_ns: &mut [u64], against: Option<[f64; 3]>) -> [f64; 3] {
-    times_ns.sort_unstable();
-    let at = |share: f64| {
-        let last = times_ns.len().saturating_sub(1);
-        times_ns.get((share * last as f64).round() as usize).map_or(f64::NAN, |&ns| ns as f64 * 1e-3)
-    };
-    let figures = [at(0.5), at(0.999), at(1.0)];
-    print!("{name:<44}{:>10.1}{:>10.1}{:>10.1}", figures[0], figures[1], figures[2]);
-    match against {
-        Some(of) => println!("   ratios {:.2} {:.2} {:.2}", figures[0] / of[0], figures[1] / of[1], figures[2] / of[2]),
-        None => println!(),
-    }
-    figures
 }
 
 /// Answers at the other end of a pty.
