@@ -12,13 +12,13 @@
 //!
 //! Bytes of a pty pass through a worker of the kernel without real-time priority: do nothing else on the machine meanwhile.
 
-use benchmarks::wire::{head, row};
+use benchmarks::wire::{head, row, ticks};
 use benchmarks::{Target, exit};
 use drivers::amplifier::{AmplifierSettings, DriveState, Outbox, protocol};
 use drivers::journal::JournalReader;
 use drivers::serial::{Pty, SerialLink};
 use drivers::wired::{TmclSettings, settings::VescSettings};
-use rt_core::system::time::{monotonic_ns, sleep_until_ns};
+use rt_core::system::time::monotonic_ns;
 use rt_core::system::{Request, prepare_thread};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{Mode, OFlags, open};
@@ -150,12 +150,7 @@ impl Figures {
         &mut self,
         mut tick: impl FnMut(&mut Figures, u64) -> Result<(), Box<dyn Error>>,
     ) -> Result<(), Box<dyn Error>> {
-        let start_ns = monotonic_ns() + PERIOD_NS;
-        for n in 0..SLICE {
-            sleep_until_ns(start_ns + n * PERIOD_NS);
-            tick(self, n)?;
-        }
-        Ok(())
+        ticks(monotonic_ns() + PERIOD_NS, SLICE, |n| tick(self, n))
     }
 
     fn bare(&mut self, port: &OwnedFd, tick: u64) -> Result<(), Box<dyn Error>> {
