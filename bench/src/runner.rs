@@ -204,6 +204,8 @@ impl Runner {
                 let (prepared, from_loop) = mpsc::channel();
                 let (go, start) = mpsc::channel::<()>();
                 thread::scope(|scope| {
+                    // Dropped with this closure: where it ends early the thread must not wait for a word that never comes.
+                    let go = go;
                     let publication = &mut *publication;
                     let body = move || {
                         let _ = prepared.send(system::prepare_thread(&request));
