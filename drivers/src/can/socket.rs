@@ -1,7 +1,7 @@
 //! A bus by SocketCAN: raw socket, filters in the kernel, error frames, receive times.
 
 use super::arrival::{Arrivals, monotonic_ns};
-use super::poll::polled;
+use super::poll::{self, polled};
 use super::port::{Controller, Heard, Wanted};
 use super::wire::{self, Content};
 use super::{CanError, Condition, Frame, FrameId, Interface, TimedFrame, interface};
@@ -59,7 +59,7 @@ impl SocketCan {
         sockopt::set_socket_recv_buffer_size(&socket, RECEIVE_BUFFER).map_err(|e| failed("SO_RCVBUF")(e.into()))?;
         let arrivals = Arrivals::default();
         arrivals.found_empty(monotonic_ns());
-        let socket = polled(socket, Interest::READABLE | Interest::WRITABLE).map_err(failed("epoll"))?;
+        let socket = polled(socket).map_err(failed("epoll"))?;
         Ok(SocketCan { name: name.to_owned(), socket, arrivals })
     }
 
@@ -95,10 +95,7 @@ impl SocketCan {
     }
 
     pub(super) async fn room(&self) -> io::Result<()> {
-        let mut ready = self.socket.writable().await?;
-        // The socket said before that it is full: the next word counts.
-        ready.clear_ready();
-        Ok(())
+        poll::room(self.socket.get_ref()).await
     }
 
     pub(super) fn controller(&self) -> Option<Controller> {

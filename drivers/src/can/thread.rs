@@ -16,7 +16,6 @@ use std::sync::atomic::AtomicU64;
 use std::sync::atomic::Ordering::{Acquire, Relaxed};
 use std::sync::mpsc::SyncSender;
 use std::time::Duration;
-use tokio::io::Interest;
 use tokio::io::unix::AsyncFd;
 use tokio::time::{Instant, Interval, MissedTickBehavior, interval_at, timeout};
 
@@ -96,7 +95,7 @@ impl Worker {
             }
         };
         runtime.block_on(async {
-            let wake = polled(self.wake.clone(), Interest::READABLE);
+            let wake = polled(self.wake.clone());
             let first = wake.map_err(system("epoll")).and_then(|wake| Ok((wake, self.open()?)));
             let (wake, port) = match first {
                 Ok(first) => first,
@@ -392,13 +391,15 @@ fn summaries() -> Interval {
 
 /// Waits until the loop has something for the thread.
 async fn woken(wake: &AsyncFd<Arc<OwnedFd>>) {
-    let read = wake.async_io(Interest::READABLE, |wake| {
-        let mut count = [0; 8];
-        rustix::io::read(wake, &mut count[..])?;
-        Ok(())
-    });
-    // An eventfd has no other error than that there is nothing, which is waited for.
-    let _ = read.await;
+    loop {
+        let Ok(mut ready) = wake.readable().await else { return std::future::pending().await };
+        // Read or not, it is 0 now: the next write makes it ready anew.
+        let read = rustix::io::read(wake.get_ref(), &mut [0; 8][..]);
+        ready.clear_ready();
+        if read.is_ok() {
+            return;
+        }
+    }
 }
 
 /// Waits for room for what is under way; for ever where nothing is.

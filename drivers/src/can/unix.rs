@@ -1,7 +1,7 @@
 //! A Unix socket in place of a bus: `SOCK_SEQPACKET`, a `struct can_frame` a packet. A frame's time is that of its reception.
 
 use super::arrival::monotonic_ns;
-use super::poll::polled;
+use super::poll::{self, polled};
 use super::port::{End, Heard, Wanted};
 use super::wire::{self, Content};
 use super::{CanError, Frame, FrameId, Interface, TimedFrame};
@@ -83,7 +83,7 @@ impl Unix {
                 },
                 (Some(listener), None) => {
                     let peer = accept(&listener.socket).await?;
-                    self.set_peer(Some(Arc::new(polled(peer, Interest::READABLE | Interest::WRITABLE)?)));
+                    self.set_peer(Some(Arc::new(polled(peer)?)));
                     continue;
                 }
                 // An end that connects has its peer as long as it lives.
@@ -112,10 +112,10 @@ impl Unix {
     }
 
     pub(super) async fn room(&self) -> io::Result<()> {
-        if let Some(peer) = self.peer() {
-            peer.writable().await?.clear_ready();
+        match self.peer() {
+            Some(peer) => poll::room(peer.get_ref()).await,
+            None => Ok(()),
         }
-        Ok(())
     }
 
     fn wants(&self, id: FrameId) -> bool {
@@ -176,9 +176,7 @@ fn connect(path: &Path) -> Result<Peer, CanError> {
         Errno::PROTOTYPE => CanError::NobodyThere { path: path.to_owned(), found: "a socket of another kind is there" },
         source => error(path, "connect", source),
     })?;
-    polled(socket, Interest::READABLE | Interest::WRITABLE)
-        .map(Arc::new)
-        .map_err(|source| system(path, "epoll", source))
+    polled(socket).map(Arc::new).map_err(|source| system(path, "epoll", source))
 }
 
 fn bind(path: &Path) -> Result<Listener, CanError> {
@@ -194,8 +192,7 @@ fn bind(path: &Path) -> Result<Listener, CanError> {
     };
     bound.map_err(failed("bind"))?;
     rustix::net::listen(&listener, 4).map_err(failed("listen"))?;
-    let socket =
-        polled(listener, Interest::READABLE | Interest::WRITABLE).map_err(|source| system(path, "epoll", source))?;
+    let socket = polled(listener).map_err(|source| system(path, "epoll", source))?;
     Ok(Listener { socket, path: path.to_owned() })
 }
 
