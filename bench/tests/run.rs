@@ -59,6 +59,27 @@ fn instance(name: &str) -> String {
 }
 
 #[test]
+fn a_run_in_real_time_that_can_not_be_recorded_ends_and_does_not_hang() {
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    let file = dir.path().join("not_a_recording").display().to_string();
+    let mut child = Running(
+        bench(&["run", "square_h", "--realtime", "--out", &file, "--instance", &instance("no-recording")])
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the program starts"),
+    );
+    // The profile takes 44 s: the end of patience is a hang, not a slow machine.
+    let ended = (0..600).find_map(|_| {
+        std::thread::sleep(std::time::Duration::from_millis(200));
+        child.0.try_wait().expect("a child")
+    });
+    assert_eq!(ended.and_then(|status| status.code()), Some(2), "None: it hangs");
+    let mut said = String::new();
+    child.0.stderr.take().expect("piped").read_to_string(&mut said).expect("text");
+    assert!(said.contains(".mcap"), "{said}");
+}
+
+#[test]
 fn a_run_in_virtual_time_is_replayed_bit_for_bit_and_a_changed_bit_is_found() {
     let dir = tempfile::tempdir().expect("a temporary folder");
     let recording = dir.path().join("random_a.mcap");
