@@ -223,7 +223,8 @@ fn a_killed_service_leaves_a_readable_part_and_nothing_that_blocks_the_next_star
     // What is there can be read up to the cut, and the cut is told.
     let items: Vec<_> = McapReader::open(&part).expect("a recording").collect();
     let sound = items.iter().filter(|item| matches!(item, Ok(Item::Sample(_)))).count();
-    assert!(sound >= 500, "{sound} samples");
+    // The first chunk, half a second; fewer where the machine made the loop pass over ticks.
+    assert!(sound >= 250, "{sound} samples");
     assert!(items.last().is_some_and(Result::is_err), "an unfinished recording says so");
 
     let short = profile(dir.path(), 1, "");
