@@ -148,6 +148,10 @@ impl WiredRig {
         }
         if !report.connected {
             let _ = write!(missing, "the amplifier does not answer; ");
+        } else if !report.armed {
+            // It was gone when it was to be armed; the operator's word for this run still holds.
+            self.amplifier.arm();
+            let _ = write!(missing, "the amplifier is not armed yet; ");
         }
         if let Some(trouble) = trouble(&self.bus.state()) {
             let _ = write!(missing, "{trouble}; ");
