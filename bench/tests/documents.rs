@@ -57,9 +57,24 @@ fn the_campaign_in_the_document_is_one_that_is_read() {
 
 #[test]
 fn links_and_files_that_the_documents_name_exist() {
-    for (folder, text) in [("", README), ("docs", CAMPAIGN)] {
-        for link in text.split("](").skip(1).filter_map(|rest| rest.split(')').next()) {
-            assert!(root().join(folder).join(link).exists(), "{link} in {folder}/ does not exist");
+    let document = |name: &str| std::fs::read_to_string(root().join("docs").join(name)).expect("a document");
+    let guides = ["WIRES.md", "PROFILES.md", "RUNNING.md"].map(document);
+    let guides = guides.iter().map(|text| ("docs", text.as_str()));
+    for (folder, text) in [("", README), ("docs", CAMPAIGN)].into_iter().chain(guides) {
+        let links = text.split("](").skip(1).filter_map(|rest| rest.split(')').next());
+        for link in links.filter(|link| !link.starts_with("http")) {
+            let (file, heading) = link.split_once('#').unwrap_or((link, ""));
+            let path = root().join(folder).join(file);
+            assert!(path.exists(), "{link} in {folder}/ does not exist");
+            if !heading.is_empty() {
+                let text = std::fs::read_to_string(&path).expect("a document");
+                let named =
+                    |line: &str| line.trim_start_matches('#').trim().to_lowercase().replace(' ', "-") == heading;
+                assert!(
+                    text.lines().any(|line| line.starts_with('#') && named(line)),
+                    "{link} in {folder}/: no heading"
+                );
+            }
         }
     }
 }
