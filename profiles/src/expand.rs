@@ -1,6 +1,7 @@
 //! From the TOML shape to unrolled steps: loops, variables, inheritance from step to step, and every check that needs
 //! no rig.
 
+use crate::envelope;
 use crate::error::{ScriptError, Source};
 use crate::fault;
 use crate::raw::{FixtureName, Lists, RawRandom, RawScript, RawStart, RawStep, Valve};
@@ -46,7 +47,9 @@ pub(crate) fn script(raw: &RawScript, source: &Source, tables: &Tables) -> Resul
     if expansion.items.is_empty() {
         return Err(source.error(raw.name.span().start, "a script needs at least one [[step]], got none"));
     }
-    let faults = fault::faults(&raw.fault, &Reader { source, variables: &[], prepared: &prepared })?;
+    let reader = Reader { source, variables: &[], prepared: &prepared };
+    let faults = fault::faults(&raw.fault, &reader)?;
+    let envelope = envelope::envelope(raw.envelope.as_ref(), &reader)?;
     Ok(Script {
         name: name.clone(),
         protocol: raw.protocol,
@@ -55,6 +58,7 @@ pub(crate) fn script(raw: &RawScript, source: &Source, tables: &Tables) -> Resul
         about: raw.about.clone().unwrap_or_default(),
         fill_bar,
         overrun,
+        envelope,
         faults,
         text: source.text.to_owned(),
         file: source.file.to_owned(),

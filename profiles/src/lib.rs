@@ -11,6 +11,7 @@ mod condition;
 mod controlled;
 #[cfg(test)]
 mod documented;
+mod envelope;
 mod error;
 mod expand;
 mod fault;
@@ -24,6 +25,7 @@ mod values;
 
 pub use builtin::{BUILTIN, EXAMPLES, LoadError, builtin, load_folder};
 pub use condition::Channel;
+pub use envelope::{Envelope, EnvelopeError};
 pub use error::ScriptError;
 pub use playback::Playback;
 pub use script::{ANGLE_LIMIT_DEG, Context, PRESSURE_LIMIT_BAR, Plane, Protocol, RandomSteps, Role, Script};

@@ -23,6 +23,7 @@ pub(crate) struct RawScript {
     pub overrun: Option<Spanned<String>>,
     pub files: Option<BTreeMap<String, String>>,
     pub start: Spanned<RawStart>,
+    pub envelope: Option<Spanned<RawEnvelope>>,
     #[serde(default)]
     pub step: Vec<Spanned<RawStep>>,
     #[serde(default)]
@@ -39,6 +40,17 @@ pub(crate) struct RawStart {
     pub angle_deg: Option<Spanned<Quantity>>,
     pub pressure1_bar: Option<Spanned<Quantity>>,
     pub pressure2_bar: Option<Spanned<Quantity>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawEnvelope {
+    pub pressure_min_bar: Option<Spanned<Quantity>>,
+    pub pressure_max_bar: Option<Spanned<Quantity>>,
+    pub angle_max_deg: Option<Spanned<Quantity>>,
+    pub velocity_max_deg_s: Option<Spanned<Quantity>>,
+    pub torque_max_nm: Option<Spanned<Quantity>>,
+    pub voltage_max_v: Option<Spanned<Quantity>>,
 }
 
 /// The lists of a `for_each` by variable.

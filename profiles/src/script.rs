@@ -4,6 +4,7 @@ use crate::builtin::LoadError;
 use crate::compile;
 use crate::condition::Condition;
 use crate::controlled::Controlled;
+use crate::envelope::Envelope;
 use crate::error::{ScriptError, Source};
 use crate::expand;
 use crate::playback::Playback;
@@ -114,6 +115,8 @@ pub struct Script {
     pub fill_bar: Option<f64>,
     /// What follows a missed deadline.
     pub overrun: OverrunPolicy,
+    /// Limits that are narrower than the rig's, for the supervisor of this script's runs.
+    pub envelope: Envelope,
     /// What is made to go wrong in the run, for a device that injects it. A replay needs none of it.
     pub faults: Vec<Fault>,
     /// The script as text, with the tables that it was read with: parses to the same script wherever it is taken.
