@@ -7,6 +7,7 @@ pub mod devices;
 pub mod doctor;
 pub mod emulation;
 pub mod events;
+pub mod exchange;
 pub mod failure;
 pub mod incident;
 pub mod interrupt;

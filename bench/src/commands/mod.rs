@@ -7,8 +7,12 @@ mod demo;
 mod diagnose;
 mod doctor;
 mod emulate;
+mod export;
 mod identify;
+mod import;
+mod info;
 mod latency;
+mod ls;
 mod record;
 mod recover;
 mod replay;
@@ -48,6 +52,10 @@ enum Command {
     Latency(latency::Args),
     Doctor(doctor::Args),
     Emulate(emulate::Args),
+    Ls(ls::Args),
+    Info(info::Args),
+    Export(export::Args),
+    Import(import::Args),
 }
 
 /// Runs what the command line asks for.
@@ -68,6 +76,10 @@ pub fn run(cli: &Cli, progress: &Progress) -> Result<(), Failure> {
         Command::Latency(args) => latency::run(args, progress),
         Command::Doctor(args) => doctor::run(args, progress),
         Command::Emulate(args) => emulate::run(args, progress),
+        Command::Ls(args) => ls::run(args, progress),
+        Command::Info(args) => info::run(args, progress),
+        Command::Export(args) => export::run(args, progress),
+        Command::Import(args) => import::run(args, progress),
     }
 }
 

@@ -1,0 +1,1 @@
+//! Recordings to other tools' formats and back.
