@@ -5,6 +5,7 @@ pub mod commands;
 pub mod controller;
 pub mod devices;
 pub mod doctor;
+pub mod dry_run;
 pub mod emulation;
 pub mod events;
 pub mod exchange;

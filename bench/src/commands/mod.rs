@@ -13,6 +13,7 @@ mod import;
 mod info;
 mod latency;
 mod ls;
+mod profile;
 mod record;
 mod recover;
 mod replay;
@@ -40,6 +41,7 @@ enum Command {
     Run(run::Args),
     Campaign(campaign::Args),
     Check(check::Args),
+    Profile(profile::Args),
     Stop(stop::Args),
     Record(record::Args),
     Recover(recover::Args),
@@ -64,6 +66,7 @@ pub fn run(cli: &Cli, progress: &Progress) -> Result<(), Failure> {
         Command::Run(args) => run::run(args, progress),
         Command::Campaign(args) => campaign::run(args, progress),
         Command::Check(args) => check::run(args, progress),
+        Command::Profile(args) => profile::run(args, progress),
         Command::Stop(args) => stop::run(args, progress),
         Command::Record(args) => record::run(args, progress),
         Command::Recover(args) => recover::run(args, progress),
