@@ -36,6 +36,11 @@ impl<T: Copy> Taker<T> {
         newest
     }
 
+    /// The oldest value that was not taken yet.
+    pub fn oldest(&mut self) -> Option<T> {
+        self.queue.try_pop()
+    }
+
     /// Every value since the last call, oldest first.
     pub fn each(&mut self, mut with: impl FnMut(T)) {
         // No more than there are now: a fast producer must not keep the consumer here.

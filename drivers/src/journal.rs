@@ -1,6 +1,7 @@
 //! What happened in a driver, for the recording: written by the loop and by I/O threads without waiting or allocating, read by
 //! whoever records.
 
+use crate::telemetry::TelemetryReader;
 use arrayvec::ArrayString;
 use ringbuf::traits::{Consumer, Producer, Split};
 use ringbuf::{HeapCons, HeapProd, HeapRb};
@@ -78,11 +79,12 @@ impl Write for Cut {
     }
 }
 
-/// The journals of all drivers of a rig.
+/// The journals of all drivers of a rig, and its amplifier's reports.
 #[derive(Default)]
 pub struct JournalReader {
     journals: Vec<HeapCons<Occurrence>>,
     untaken: Arc<AtomicU64>,
+    telemetry: Option<TelemetryReader>,
 }
 
 impl JournalReader {
@@ -96,6 +98,16 @@ impl JournalReader {
     /// What was noted since the last call, by driver and in the order in which each noted it.
     pub fn read(&mut self) -> Vec<Occurrence> {
         self.journals.iter_mut().flat_map(|journal| journal.pop_iter().collect::<Vec<_>>()).collect()
+    }
+
+    /// The amplifier's reports are read here, until [`JournalReader::take_telemetry`].
+    pub fn keep_telemetry(&mut self, reader: Option<TelemetryReader>) {
+        self.telemetry = reader;
+    }
+
+    /// Where the amplifier's reports are read: for whoever records them, once. `None`: there is no amplifier, or they were taken.
+    pub fn take_telemetry(&mut self) -> Option<TelemetryReader> {
+        self.telemetry.take()
     }
 
     /// Entries that found no room, since the start.

@@ -14,6 +14,7 @@
 //! | [`faults`] | seeded fault injection around any device |
 //! | [`exchange`] | hand-over between the loop and the I/O threads: the newest value wins |
 //! | [`journal`] | what happened in a driver, for the recording |
+//! | [`telemetry`] | every report of the amplifier, for the recording |
 pub mod amplifier;
 pub mod budget;
 pub mod can;
@@ -25,6 +26,7 @@ pub mod faults;
 pub mod journal;
 pub mod nodes;
 pub mod serial;
+pub mod telemetry;
 pub mod wired;
 
 pub use emulated::{EmulatedError, EmulatedRig};

@@ -5,6 +5,7 @@ use super::{LinkError, thread};
 use crate::amplifier::{AmplifierError, AmplifierSettings, Fault, Firmware, Garbled, Telemetry, protocol};
 use crate::exchange::{Giver, Taker, exchange};
 use crate::journal::Journal;
+use crate::telemetry::{TelemetryReader, telemetry_log};
 use rt_core::system::time::monotonic_ns;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -48,6 +49,8 @@ pub struct SerialLink {
     /// The connection that the operator has armed; 0 = none.
     armed_for: u32,
     firmware: Firmware,
+    /// `None`: taken.
+    telemetry: Option<TelemetryReader>,
     shared: Arc<Shared>,
     /// Closed by the thread when it ends.
     ended: Receiver<()>,
@@ -74,7 +77,8 @@ impl SerialLink {
         let ((orders, orders_there), (reports_there, reports)) = (exchange(AHEAD), exchange(AHEAD));
         let (opened, opening) = sync_channel(1);
         let (ending, ended) = sync_channel(0);
-        let ends = thread::Ends { orders: orders_there, reports: reports_there, shared: shared.clone() };
+        let (log, telemetry) = telemetry_log();
+        let ends = thread::Ends { orders: orders_there, reports: reports_there, log, shared: shared.clone() };
         let settings = settings.clone();
         let thread = std::thread::Builder::new()
             .name("serial".into())
@@ -86,12 +90,19 @@ impl SerialLink {
             .map_err(system("starting the serial thread"))?;
         let gone = || system("the serial thread")(std::io::Error::other("it ended before it had opened the port"));
         let (firmware, newest) = opening.recv().unwrap_or_else(|_| Err(gone()))?;
-        Ok(SerialLink { orders, reports, newest, armed_for: 0, firmware, shared, ended, thread: Some(thread) })
+        let (armed_for, telemetry, thread) = (0, Some(telemetry), Some(thread));
+        Ok(SerialLink { orders, reports, newest, armed_for, firmware, telemetry, shared, ended, thread })
     }
 
     /// Who answered when the link was opened.
     pub fn firmware(&self) -> &Firmware {
         &self.firmware
+    }
+
+    /// Where every report of the amplifier is read, for whoever records them; `None` where somebody has it already. [`SerialLink::poll`]
+    /// tells the newest only.
+    pub fn take_telemetry(&mut self) -> Option<TelemetryReader> {
+        self.telemetry.take()
     }
 
     /// Commands a voltage (V), each tick. A command is in force for 20 ms; then the pump gets 0 V until the next one.

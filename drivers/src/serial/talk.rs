@@ -8,6 +8,7 @@ use super::hello::REPEAT;
 use super::shared::Order;
 use crate::amplifier::{AmplifierSettings, Firmware, Garbled, Outbox, Protocol, Refusal, Told};
 use crate::journal::{Journal, Severity, When};
+use crate::telemetry::{Arrived, TelemetryLog};
 use std::io;
 
 pub(super) const MS: u64 = 1_000_000;
@@ -123,8 +124,8 @@ impl Talk {
         }
     }
 
-    /// Bytes of the amplifier.
-    pub(super) fn hear(&mut self, bytes: &[u8], now: u64) {
+    /// Bytes of the amplifier; every report in them goes to the log.
+    pub(super) fn hear(&mut self, bytes: &[u8], now: u64, log: &mut TelemetryLog) {
         if bytes.is_empty() {
             return;
         }
@@ -138,6 +139,7 @@ impl Talk {
                 Told::Telemetry(telemetry) => {
                     times.requested_ns = None;
                     (report.telemetry, report.telemetry_ns) = (telemetry, now);
+                    log.note(Arrived { received_ns: now, telemetry });
                     if telemetry.fault != report.fault {
                         report.fault = telemetry.fault;
                         let when = When::MonotonicNs(now);

@@ -9,6 +9,7 @@ use super::{AmplifierReport, LinkError};
 use crate::amplifier::{AmplifierSettings, Firmware, Protocol};
 use crate::exchange::{Giver, Taker};
 use crate::journal::{Journal, Severity};
+use crate::telemetry::TelemetryLog;
 use rt_core::system::time::monotonic_ns;
 use std::future::{Future, poll_fn};
 use std::io;
@@ -26,6 +27,7 @@ use tokio::time::{Instant, Sleep, sleep};
 pub(super) struct Ends {
     pub(super) orders: Taker<Order>,
     pub(super) reports: Giver<AmplifierReport>,
+    pub(super) log: TelemetryLog,
     pub(super) shared: Arc<Shared>,
 }
 
@@ -90,7 +92,7 @@ impl Server {
             if let Some(e) = round.line.broken {
                 self.port_gone(&e, now);
             } else {
-                self.talk.hear(&bytes[..round.line.heard], now);
+                self.talk.hear(&bytes[..round.line.heard], now, &mut self.ends.log);
                 self.line.wrote(round.line.wrote, now);
             }
             if round.woken

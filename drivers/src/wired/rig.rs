@@ -80,7 +80,8 @@ impl WiredRig {
 
         let interface: Interface = settings.can.interface.parse()?;
         let bus = CanLink::open(&interface, &wanted, thread.clone(), journals.journal(BUS))?;
-        let amplifier = SerialLink::open(&settings.amplifier, thread, journals.journal(AMPLIFIER))?;
+        let mut amplifier = SerialLink::open(&settings.amplifier, thread, journals.journal(AMPLIFIER))?;
+        journals.keep_telemetry(amplifier.take_telemetry());
         let nothing = Frame::new(FrameId::Standard(0), &[]).expect("no byte is fewer than nine");
         Ok(WiredRig {
             amplifier,
