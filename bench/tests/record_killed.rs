@@ -39,6 +39,7 @@ impl Reference for Rest {
             segment: 0,
             index: 0,
             last: false,
+            waiting: None,
         }
     }
 }

@@ -527,6 +527,7 @@ impl Reference for ToAndFro {
             segment: (now.index / 250) as u32,
             index: 0,
             last: now.index + 1 >= self.ticks,
+            waiting: None,
         }
     }
 }

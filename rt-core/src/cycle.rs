@@ -3,6 +3,7 @@
 //! Sample k holds the measurement at tick k and the command that was written at tick k and acts from k on.
 
 use crate::clock::{Clock, Wake};
+use crate::confirmation::Waiting;
 use crate::flight::{FlightRecorder, FlightTick};
 use crate::overrun::OverrunPolicy;
 use crate::publish::{Handover, Publish};
@@ -78,6 +79,7 @@ pub fn run(stages: Stages<'_>, run: Run) -> Result<RunReport, LoopError> {
         run,
         statistics: Statistics::default(),
         acting: (fixture, 0),
+        waiting: None,
         done_ns: 0,
         skipped: 0,
         overrun: false,
@@ -102,6 +104,8 @@ struct Cycle<'a> {
     statistics: Statistics,
     /// Fixture and segment of the last command.
     acting: (Fixture, u32),
+    /// What the last step waited for.
+    waiting: Option<Waiting>,
     /// When the last tick's work was done, ns since the run's start. One reading decides whether it was late: for the policy, the
     /// statistics and the flight recorder alike.
     done_ns: u64,
@@ -132,10 +136,17 @@ impl Cycle<'_> {
 
         let demand = operator.demand(now);
         let stopping = demand == Demand::Stop || (self.overrun && self.run.overrun == OverrunPolicy::Abort);
-        let measured = device.read(now)?;
+        let mut measured = device.read(now)?;
         let read_ns = lap.split(*clock);
         supervisor.check(now, demand, &measured);
         let check_ns = lap.split(*clock);
+        // A rig that goes safe waits for nobody: who confirms now is told so.
+        let waiting = self.waiting.filter(|_| !stopping && supervisor.trip().is_none());
+        let confirmation = operator.confirmation(now, waiting, &measured).filter(|_| waiting.is_some());
+        if let Some(confirmation) = confirmation {
+            confirmation.enter(&mut measured);
+            reference.confirmed(now);
+        }
         let step = reference.step(now, &measured);
         let reference_ns = lap.split(*clock);
         // A controller is not asked where its answer can't be used: it must not integrate against a rig that does not follow.
@@ -144,12 +155,17 @@ impl Cycle<'_> {
         } else {
             supervisor.release(now, wanted(now, &measured, &step, *controller))
         };
+        supervisor.hands_on(step.waiting.is_some());
+        self.waiting = step.waiting;
         let control_ns = lap.split(*clock);
         device.write(now, &command)?;
         let write_ns = lap.split(*clock);
 
         let ended = ended(now, &step, supervisor, demand, stopping);
         let state = self.run.state(supervisor, demand, self.overrun) | if ended.is_some() { flags::LAST } else { 0 };
+        let waits = step.waiting.is_some() && !stopping && supervisor.trip().is_none();
+        let state =
+            state | if waits { flags::WAITING } else { 0 } | if confirmation.is_some() { flags::CONFIRMED } else { 0 };
         let timed = Timed { read_ns, check_ns, reference_ns, control_ns, write_ns, publish_ns: self.publish_ns };
         let mut sample = self.run.sample(wake, self.skipped, &timed, &measured, &command, state);
         sample.step = step.index;

@@ -14,10 +14,12 @@
 //! | [`subscribe`] | the other end: samples, gaps, loss certificate |
 //! | [`loss`] | gap detection by the samples' numbers, without any transport |
 //! | [`system`] | priority, memory and time of the operating system |
+//! | [`confirmation`] | what people are asked for, and how their word reaches the loop |
 //! | [`demand`] | stop and emergency stop from another process |
 //! | [`link`] | names, sizes and errors of the shared-memory services |
 
 pub mod clock;
+pub mod confirmation;
 pub mod cycle;
 pub mod demand;
 pub mod fault;
@@ -38,6 +40,7 @@ pub mod traits;
 pub mod types;
 
 pub use clock::{Clock, Lockstep, RealTime, Wake};
+pub use confirmation::{Amount, Confirmation, ConfirmationSlot, Refusal, Waiting};
 pub use cycle::{LoopError, OpenLoop, Run, Stages, run};
 pub use demand::{DemandListener, send_demand};
 pub use fault::{Fault, FaultKind};

@@ -5,6 +5,7 @@ use std::cell::RefCell;
 use std::fmt;
 
 use crate::clock::{Clock, Wake};
+use crate::confirmation::{Confirmation, Waiting};
 use crate::publish::{Handover, Publish};
 use crate::supervisor::{Breach, Channel, Trip};
 use crate::traits::{Demand, Device, DeviceError, Operator};
@@ -159,6 +160,11 @@ impl<I: Iterator<Item = Sample>> Operator for ReplayOperator<'_, I> {
             Some(sample) if sample.trip == pressed.code() => Demand::EmergencyStop,
             _ => Demand::None,
         }
+    }
+
+    /// The amount that came with it is what was measured, as the recording has it.
+    fn confirmation(&mut self, _now: Tick, _waiting: Option<Waiting>, _measured: &Measurement) -> Option<Confirmation> {
+        self.0.current().filter(Sample::confirmed).map(|_| Confirmation::default())
     }
 }
 

@@ -2,6 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use crate::confirmation::{Confirmation, ConfirmationSlot, Waiting};
 use crate::types::{Command, Fixture, Measurement, Tick};
 
 /// What somebody outside the loop asks for.
@@ -20,6 +21,11 @@ pub enum Demand {
 pub trait Operator {
     /// What is asked for at this tick.
     fn demand(&mut self, now: Tick) -> Demand;
+    /// What they confirm at this tick, where it is what the run waits for. Called once a tick, also where nothing is waited for, so that a
+    /// word that comes too late is refused and not kept.
+    fn confirmation(&mut self, _now: Tick, _waiting: Option<Waiting>, _measured: &Measurement) -> Option<Confirmation> {
+        None
+    }
 }
 
 /// Nobody asks for anything.
@@ -36,12 +42,18 @@ pub struct Switches {
     pub stop: AtomicBool,
     /// Ask for the emergency stop.
     pub emergency_stop: AtomicBool,
+    /// Where confirmations come in.
+    pub confirmations: ConfirmationSlot,
 }
 
 impl Switches {
     /// Nothing is asked for. (For a static.)
     pub const fn new() -> Self {
-        Switches { stop: AtomicBool::new(false), emergency_stop: AtomicBool::new(false) }
+        Switches {
+            stop: AtomicBool::new(false),
+            emergency_stop: AtomicBool::new(false),
+            confirmations: ConfirmationSlot::new(),
+        }
     }
 }
 
@@ -54,6 +66,10 @@ impl Operator for &Switches {
         } else {
             Demand::None
         }
+    }
+
+    fn confirmation(&mut self, now: Tick, waiting: Option<Waiting>, measured: &Measurement) -> Option<Confirmation> {
+        self.confirmations.take(now, waiting, measured)
     }
 }
 
@@ -141,6 +157,8 @@ pub struct Step {
     pub index: u32,
     /// This is the run's last tick.
     pub last: bool,
+    /// What the run waits for at this tick: people may have their hands on the rig.
+    pub waiting: Option<Waiting>,
 }
 
 /// A quantity for the controller to reach.
@@ -183,6 +201,9 @@ pub trait Reference {
     fn fixture_at_start(&self) -> Fixture {
         Fixture::Free
     }
+    /// What the last step waited for is confirmed at this tick. Called before this tick's [`Reference::step`], which still belongs to the
+    /// step that waited, and waits no more.
+    fn confirmed(&mut self, _now: Tick) {}
     /// The step of this tick. Called once a tick, in order.
     fn step(&mut self, now: Tick, measured: &Measurement) -> Step;
 }

@@ -29,6 +29,7 @@ impl<F: Fn(f64) -> Target> Reference for Wanted<F> {
             segment: 0,
             index: 0,
             last: now.index + 1 >= self.ticks,
+            waiting: None,
         }
     }
 }

@@ -29,6 +29,8 @@ pub struct Supervisor {
     released: Option<(Tick, f64)>,
     slew_limited: bool,
     missing: [u32; 3],
+    /// People have their hands on the rig.
+    hands_on: bool,
     velocity: VelocityWindow,
 }
 
@@ -43,6 +45,7 @@ impl Supervisor {
             released: None,
             slew_limited: false,
             missing: [0; 3],
+            hands_on: false,
             velocity: VelocityWindow::default(),
         })
     }
@@ -50,6 +53,16 @@ impl Supervisor {
     /// What it enforces.
     pub fn limits(&self) -> &Limits {
         &self.limits
+    }
+
+    /// From the next run on it enforces these. A latched trip stays.
+    ///
+    /// # Errors
+    /// Limits that can't be enforced; then nothing changes.
+    pub fn enforce(&mut self, limits: Limits) -> Result<(), LimitsError> {
+        limits.validate()?;
+        self.limits = limits;
+        Ok(())
     }
 
     /// The latched trip.
@@ -69,7 +82,15 @@ impl Supervisor {
         self.released = None;
         self.slew_limited = false;
         self.missing = [0; 3];
+        self.hands_on = false;
         self.velocity.clear();
+    }
+
+    /// Whether people have their hands on the rig from now on, because the run asked them to. Until that is over the lever's velocity is
+    /// theirs, and sensors may be off (a pump that is taken out, an encoder that is moved): neither velocity nor absence nor age is
+    /// judged. Whatever is measured must still be within its limits: pressures, angle, torque. So must the drivers' heartbeat.
+    pub fn hands_on(&mut self, hands_on: bool) {
+        self.hands_on = hands_on;
     }
 
     /// Judges what people ask for and what was measured at this tick.
@@ -167,6 +188,10 @@ impl Supervisor {
     /// Pressures are required under every fixture, the angle wherever there is a lever: there, sound, and fresh.
     fn check_presence(&mut self, now: Tick, measured: &Measurement) {
         let Some(acting) = self.acting else { return };
+        if self.hands_on {
+            self.missing = [0; 3];
+            return;
+        }
         let lever = !matches!(acting, Fixture::PumpBench { .. });
         let required = [
             (Channel::Pressure1, Input::Pressure1, true),
@@ -196,7 +221,7 @@ impl Supervisor {
 
     /// Only a free lever has a velocity of its own; under every other fixture the operator moves it.
     fn check_velocity(&mut self, now: Tick, angle_deg: f64) {
-        if self.acting != Some(Fixture::Free) {
+        if self.hands_on || self.acting != Some(Fixture::Free) {
             self.velocity.clear();
             return;
         }

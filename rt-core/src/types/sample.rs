@@ -87,6 +87,10 @@ pub mod flags {
     pub const STOPPED: u32 = 1 << 6;
     /// The supervisor let the voltage follow no faster than its slew limit.
     pub const SLEW_LIMITED: u32 = 1 << 7;
+    /// The run waits for the people at the rig: they may have their hands on it, and the supervisor leaves out what hands disturb.
+    pub const WAITING: u32 = 1 << 8;
+    /// At this tick their confirmation was taken; an amount that it brought is the measured volume.
+    pub const CONFIRMED: u32 = 1 << 9;
 }
 
 impl Sample {
@@ -118,6 +122,16 @@ impl Sample {
     /// The tick before this one ended too late.
     pub fn overrun(&self) -> bool {
         self.flags & flags::OVERRUN != 0
+    }
+
+    /// The run waits for the people at the rig.
+    pub fn waiting(&self) -> bool {
+        self.flags & flags::WAITING != 0
+    }
+
+    /// A confirmation was taken at this tick.
+    pub fn confirmed(&self) -> bool {
+        self.flags & flags::CONFIRMED != 0
     }
 
     /// Seconds since the run's start.
@@ -225,8 +239,8 @@ mod tests {
             assert_eq!(offset, documented, "offset of {field}");
         }
         use flags::*;
-        let bits = [BRAKE_OPEN, BYPASS_OPEN, TRIPPED, LAST, FAULT, OVERRUN, STOPPED, SLEW_LIMITED];
-        assert_eq!(bits, [1, 2, 4, 8, 16, 32, 64, 128]);
+        let bits = [BRAKE_OPEN, BYPASS_OPEN, TRIPPED, LAST, FAULT, OVERRUN, STOPPED, SLEW_LIMITED, WAITING, CONFIRMED];
+        assert_eq!(bits, [1, 2, 4, 8, 16, 32, 64, 128, 256, 512]);
         // SAFETY: the function reads no data; it is unsafe only because the trait's implementor vouches for the name.
         assert_eq!(unsafe { Sample::type_name() }, "RecBenchSample");
     }

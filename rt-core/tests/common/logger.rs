@@ -107,6 +107,7 @@ impl Reference for Rest {
             segment: 0,
             index: 0,
             last: now.index + 1 == self.ticks,
+            waiting: None,
         }
     }
 }

@@ -177,6 +177,7 @@ impl Reference for Script {
             segment: 7 + now.index as u32 / 10,
             index: now.index as u32 / 5,
             last: now.index + 1 >= self.ticks,
+            waiting: None,
         }
     }
 }
