@@ -25,9 +25,11 @@ pub(crate) fn playback(script: &Script, context: &Context) -> Result<Playback, S
                     End::After { seconds } => (ticks(*seconds), Vec::new(), false),
                     End::Until { any, timeout_s } => (ticks(*timeout_s), any.clone(), false),
                     End::Arrival { any, bound_s } => (ticks_at_least(*bound_s), any.clone(), true),
+                    End::Confirmed { .. } => (1, Vec::new(), false),
                 };
                 let aim = hold.change.drive.as_ref().map(|drive| aim(drive, script, context, item.line)).transpose()?;
                 instructions.push(Instruction {
+                    line: item.line,
                     jumps: Vec::new(),
                     aim,
                     brake_open: hold.change.brake_open,
@@ -38,10 +40,12 @@ pub(crate) fn playback(script: &Script, context: &Context) -> Result<Playback, S
                     on_arrival,
                     new_segment: hold.new_segment,
                     guard_deg: None,
+                    struck_at: None,
                 });
             }
             ItemKind::Random { stream, steps } => {
-                random(&mut instructions, steps, context, &mut generator(script, context, *stream));
+                let mut rng = generator(script, context, *stream);
+                random(&mut instructions, item.line, steps, context, &mut rng);
             }
         }
     }
@@ -110,7 +114,13 @@ fn length(rng: &mut ChaCha8Rng, length_s: [f64; 2], left: u64) -> u64 {
     if length + ticks(length_s[0]) > left { left } else { length }
 }
 
-fn random(instructions: &mut Vec<Instruction>, steps: &RandomSteps, context: &Context, rng: &mut ChaCha8Rng) {
+fn random(
+    instructions: &mut Vec<Instruction>,
+    line: usize,
+    steps: &RandomSteps,
+    context: &Context,
+    rng: &mut ChaCha8Rng,
+) {
     let total = ticks(steps.total_s);
     let mut done = 0;
     while done < total {
@@ -124,6 +134,7 @@ fn random(instructions: &mut Vec<Instruction>, steps: &RandomSteps, context: &Co
         let bypass_open = !brake_closed && valves < steps.brake_closed_share + steps.bypass_open_share;
         let share = if zero { 0.0 } else { sign * size };
         instructions.push(Instruction {
+            line,
             jumps: Vec::new(),
             aim: Some(Aim {
                 quantity: Controlled::VoltageUMax,
@@ -138,6 +149,7 @@ fn random(instructions: &mut Vec<Instruction>, steps: &RandomSteps, context: &Co
             on_arrival: false,
             new_segment: true,
             guard_deg: Some(steps.guard_deg),
+            struck_at: None,
         });
         done += length;
     }

@@ -1,7 +1,9 @@
 //! Conditions on measured channels: what a hold waits for.
 
+use crate::spread::SpreadWindow;
 use rt_core::{Measurement, PERIOD_NS, Tick};
 use serde::Deserialize;
+use std::fmt;
 
 /// A measured channel that a condition may look at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
@@ -20,6 +22,16 @@ pub enum Channel {
 }
 
 impl Channel {
+    /// As a script names it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Channel::AngleDeg => "angle_deg",
+            Channel::Pressure1Bar => "pressure1_bar",
+            Channel::Pressure2Bar => "pressure2_bar",
+            Channel::TorqueNm => "torque_nm",
+        }
+    }
+
     /// This channel's value; NaN where it was not measured.
     pub fn of(self, measured: &Measurement) -> f64 {
         match self {
@@ -40,14 +52,21 @@ pub(crate) enum Limit {
         per_s: f64,
         window_s: f64,
     },
+    /// Largest less smallest value over the last `ticks`.
+    SteadyWithin {
+        spread: f64,
+        ticks: u64,
+    },
 }
 
-/// A condition with the state of its filter. It is used by one hold only, so its state begins with that hold.
+/// A condition with its state. It is used by one hold only, so its state begins with that hold.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Condition {
     pub channel: Channel,
     pub limit: Limit,
     filter: Option<Filter>,
+    /// What was last held against the limit.
+    last: Option<f64>,
 }
 
 /// Two first-order filters in series: behind a ramp of slope r their outputs differ by r times the time constant.
@@ -65,18 +84,44 @@ const WINDOWS_BEFORE_STEADY: f64 = 5.0;
 
 impl Condition {
     pub fn new(channel: Channel, limit: Limit) -> Self {
-        Condition { channel, limit, filter: None }
+        Condition { channel, limit, filter: None, last: None }
     }
 
-    /// Looks at this tick's measurement; to be called at every tick that is run while the condition is waited for.
-    pub fn met(&mut self, now: Tick, measured: &Measurement) -> bool {
+    /// Ticks that its window must hold; 0 where it needs none.
+    pub fn window_ticks(&self) -> u64 {
+        if let Limit::SteadyWithin { ticks, .. } = self.limit { ticks } else { 0 }
+    }
+
+    /// What the limit was last compared with: a value, a rate per second or a spread, in the channel's unit. `None`: there was nothing to
+    /// compare, because the channel was not measured, or not for long enough.
+    pub fn last(&self) -> Option<f64> {
+        self.last
+    }
+
+    /// Looks at this tick's measurement; to be called at every tick that is run while the condition is waited for. `window` is its own
+    /// while its hold lasts, empty when that begins.
+    pub fn met(&mut self, now: Tick, measured: &Measurement, window: &mut SpreadWindow) -> bool {
         let value = self.channel.of(measured);
         if value.is_nan() {
+            window.clear();
             return false;
         }
         match self.limit {
-            Limit::Above(limit) => value > limit,
-            Limit::Below(limit) => value < limit,
+            Limit::Above(limit) => {
+                self.last = Some(value);
+                value > limit
+            }
+            Limit::Below(limit) => {
+                self.last = Some(value);
+                value < limit
+            }
+            Limit::SteadyWithin { spread, ticks } => match window.push(now.index, value, ticks) {
+                Some(seen) => {
+                    self.last = Some(seen);
+                    seen <= spread
+                }
+                None => false,
+            },
             Limit::RateBelow { per_s, window_s } => {
                 let begin = Filter { first: value, second: value, seen_s: 0.0, until_tick: now.index };
                 let filter = self.filter.get_or_insert(begin);
@@ -86,8 +131,29 @@ impl Condition {
                 filter.second += gain * (filter.first - filter.second);
                 filter.seen_s += passed_s;
                 filter.until_tick = now.index + 1;
-                filter.seen_s >= WINDOWS_BEFORE_STEADY * window_s
-                    && (filter.first - filter.second).abs() < per_s * window_s
+                let difference = (filter.first - filter.second).abs();
+                let seen = filter.seen_s >= WINDOWS_BEFORE_STEADY * window_s;
+                if seen {
+                    self.last = Some(difference / window_s);
+                }
+                seen && difference < per_s * window_s
+            }
+        }
+    }
+}
+
+/// For people, as in "waited for ...".
+impl fmt::Display for Condition {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let name = self.channel.as_str();
+        match self.limit {
+            Limit::Above(limit) => write!(f, "{name} above {limit}"),
+            Limit::Below(limit) => write!(f, "{name} below {limit}"),
+            Limit::RateBelow { per_s, window_s } => {
+                write!(f, "rate of {name} below {per_s} a second over {window_s} s")
+            }
+            Limit::SteadyWithin { spread, ticks } => {
+                write!(f, "{name} steady within {spread} for {} s", Tick::at(ticks).seconds())
             }
         }
     }
@@ -107,7 +173,8 @@ mod tests {
             let mut condition = Condition::new(Channel::AngleDeg, Limit::RateBelow { per_s: 1.0, window_s: 0.2 });
             let mut met_at = None;
             for k in 0..5000 {
-                if condition.met(Tick::at(k), &angle(7.0 + slope_per_s * k as f64 * 1e-3)) && met_at.is_none() {
+                let measured = angle(7.0 + slope_per_s * k as f64 * 1e-3);
+                if condition.met(Tick::at(k), &measured, &mut SpreadWindow::for_ticks(0)) && met_at.is_none() {
                     met_at = Some(k);
                 }
             }
@@ -118,9 +185,29 @@ mod tests {
 
     #[test]
     fn a_channel_that_is_not_measured_meets_nothing() {
-        for limit in [Limit::Above(-1e9), Limit::Below(1e9), Limit::RateBelow { per_s: 1e9, window_s: 1e-3 }] {
+        for limit in [
+            Limit::Above(-1e9),
+            Limit::Below(1e9),
+            Limit::RateBelow { per_s: 1e9, window_s: 1e-3 },
+            Limit::SteadyWithin { spread: 1e9, ticks: 1 },
+        ] {
             let mut condition = Condition::new(Channel::TorqueNm, limit);
-            assert!((0..100).all(|k| !condition.met(Tick::at(k), &angle(0.0))));
+            let mut window = SpreadWindow::for_ticks(condition.window_ticks());
+            assert!((0..100).all(|k| !condition.met(Tick::at(k), &angle(0.0), &mut window)));
+            assert_eq!(condition.last(), None, "nothing was compared");
         }
+    }
+
+    #[test]
+    fn a_gap_begins_the_window_anew() {
+        let mut condition = Condition::new(Channel::AngleDeg, Limit::SteadyWithin { spread: 0.1, ticks: 10 });
+        let mut window = SpreadWindow::for_ticks(10);
+        let met: Vec<u64> = (0..40)
+            .filter(|&k| {
+                let value = if k == 15 { f64::NAN } else { 3.0 };
+                condition.met(Tick::at(k), &angle(value), &mut window)
+            })
+            .collect();
+        assert_eq!(met, (10..15).chain(26..40).collect::<Vec<_>>());
     }
 }

@@ -143,6 +143,6 @@ fn every_example_of_the_document_is_a_script() {
     for example in examples {
         let whole = if example.starts_with("name") { example.to_owned() } else { format!("{head}{example}") };
         let script = Script::parse(&whole, "PROFILES.md").unwrap_or_else(|error| panic!("{error}\n{example}"));
-        script.compile(&Context { u_max_v: 24.0, seed: 1 }).unwrap_or_else(|error| panic!("{error}\n{example}"));
+        script.compile(&Context { u_max_v: 24.0, seed: 1, hands: crate::ask::Hands::Rig }).unwrap_or_else(|error| panic!("{error}\n{example}"));
     }
 }

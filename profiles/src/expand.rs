@@ -175,12 +175,9 @@ impl Expansion<'_> {
         if let Some(stop) = &raw.stop_when {
             return Err(self.source.error(stop.span().start, "`stop_when` belongs to `repeat`, not to `for_each`"));
         }
-        let Some((first, values)) = lists.get_ref().first_key_value() else {
-            return Err(self.source.error(lists.span().start, "`for_each` needs at least one list, got none"));
-        };
-        let passes = values.get_ref().len();
-        for (name, list) in lists.get_ref() {
-            let place = list.span().start;
+        let mut walked: Vec<(&str, Vec<f64>)> = Vec::with_capacity(lists.get_ref().len());
+        for (name, values) in lists.get_ref() {
+            let place = values.span().start;
             if !is_identifier(name) {
                 let what = format!("a variable's name must be of a-z, 0-9 and _, got {name:?}");
                 return Err(self.source.error(place, what));
@@ -189,23 +186,25 @@ impl Expansion<'_> {
                 let what = format!("the variable `{name}` is already that of an enclosing for_each: rename one");
                 return Err(self.source.error(place, what));
             }
-            let count = list.get_ref().len();
-            if count != passes || count == 0 {
+            let values = self.reader().values(name, values)?;
+            let (first, passes) =
+                walked.first().map_or((name.as_str(), values.len()), |(first, of)| (*first, of.len()));
+            if values.len() != passes || values.is_empty() {
                 let what = format!(
-                    "the lists of a for_each are walked together and need one length of at least 1: `{first}` has {passes}, `{name}` {count}"
+                    "the values of a for_each are walked together and need one length of at least 1: `{first}` has {passes}, `{name}` {}",
+                    values.len()
                 );
                 return Err(self.source.error(place, what));
             }
-            if let Some(bad) = list.get_ref().iter().find(|v| !v.get_ref().is_finite()) {
-                let what = format!("`{name}` must hold finite numbers, got {}", bad.get_ref());
-                return Err(self.source.error(bad.span().start, what));
-            }
+            walked.push((name, values));
         }
+        let Some(passes) = walked.first().map(|(_, values)| values.len()) else {
+            return Err(self.source.error(lists.span().start, "`for_each` needs at least one list, got none"));
+        };
         let outer = self.variables.len();
         for pass in 0..passes {
-            for (name, list) in lists.get_ref() {
-                let value = *list.get_ref()[pass].get_ref();
-                self.variables.push(Variable { name: name.clone(), value, used: false.into() });
+            for (name, values) in &walked {
+                self.variables.push(Variable { name: (*name).to_owned(), value: values[pass], used: false.into() });
             }
             self.steps(body)?;
             if let Some(unused) = self.variables[outer..].iter().find(|v| !v.used.get()) {
@@ -286,14 +285,18 @@ impl Expansion<'_> {
             Some(FixtureChange::Ramp { to_deg, rate_deg_s }) => Some((to_deg, rate_deg_s)),
             _ => None,
         };
+        let operator = reader.operator(raw)?;
         let end = match ramp {
             Some((to_deg, rate_deg_s)) => {
                 let (low, high) = self.commanded_deg;
                 let way_deg = (to_deg - low).abs().max((to_deg - high).abs());
                 reader.arrival(raw, way_deg / rate_deg_s + 2.0 * TICK_S)?
             }
+            None if operator.is_some() => reader.confirmed(raw)?,
             None => reader.end(raw, offset)?,
         };
+        // People come near: the pump goes to 0 V, unless the step says what it does meanwhile.
+        let drive = drive.or_else(|| operator.as_ref().map(|_| Drive::AT_REST));
         let open = |valve: &Option<Spanned<Valve>>| valve.as_ref().map(|valve| *valve.get_ref() == Valve::Open);
         let change = Change { drive, brake_open: open(&raw.brake), bypass_open: open(&raw.bypass), fixture };
         match (ramp, fixture) {
@@ -307,7 +310,7 @@ impl Expansion<'_> {
         }
         self.random_streams += u64::from(draws);
         let new_segment = raw.new_segment.as_ref().is_none_or(|value| *value.get_ref());
-        let hold = Hold { change, end, new_segment };
+        let hold = Hold { change, end, new_segment, operator };
         self.items.push(Item { line: self.source.line(offset), skips: Vec::new(), kind: ItemKind::Hold(hold) });
         Ok(())
     }

@@ -5,6 +5,7 @@
 //! by tick by [`Playback`], which implements the loop's `Reference`. The campaign's protocols are listed in [`BUILTIN`],
 //! more scripts to start from in [`EXAMPLES`]. The language is described in `docs/PROFILES.md`.
 
+mod ask;
 mod builtin;
 mod compile;
 mod condition;
@@ -17,6 +18,7 @@ mod expand;
 mod fault;
 mod needs;
 mod playback;
+mod range;
 mod raw;
 mod script;
 mod signal;
@@ -25,10 +27,11 @@ mod table;
 mod target;
 mod values;
 
+pub use ask::{Hands, Request};
 pub use builtin::{BUILTIN, EXAMPLES, LoadError, builtin, load_folder};
 pub use condition::Channel;
 pub use envelope::{Envelope, EnvelopeError};
 pub use error::ScriptError;
 pub use needs::Need;
-pub use playback::Playback;
+pub use playback::{Playback, Timeout, Waited};
 pub use script::{ANGLE_LIMIT_DEG, Context, PRESSURE_LIMIT_BAR, Plane, Protocol, RandomSteps, Role, Script};

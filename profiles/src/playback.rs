@@ -4,12 +4,16 @@ use crate::condition::Condition;
 use crate::controlled::Controlled;
 use crate::script::{FixtureChange, State};
 use crate::signal::Signal;
+use crate::spread::SpreadWindow;
 use crate::values::ticks_at_least;
 use rt_core::{Fixture, Measurement, Reference, Step, Target, Tick};
+use std::fmt;
 
 /// One hold, ready to play. It is played at most once, so its conditions keep their state in place.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Instruction {
+    /// Line of the script, from 1.
+    pub line: usize,
     /// Looked at before it begins.
     pub jumps: Vec<Jump>,
     pub aim: Option<Aim>,
@@ -25,6 +29,52 @@ pub(crate) struct Instruction {
     pub new_segment: bool,
     /// Beyond this angle no voltage drives outward: it changes sign.
     pub guard_deg: Option<f64>,
+    /// The tick at which its time was over before any of its conditions was met.
+    pub struck_at: Option<u64>,
+}
+
+/// A hold whose time was over before what it waited for had come.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Timeout {
+    /// The script's unrolled step, as in the samples.
+    pub step: u32,
+    /// Line of the script, from 1.
+    pub line: usize,
+    /// The first tick after the hold.
+    pub tick: u64,
+    /// How long it lasted, ticks: its `timeout_s`.
+    pub ticks: u64,
+    /// What it waited for.
+    pub waited: Vec<Waited>,
+}
+
+/// A condition that was not met.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Waited {
+    /// In words.
+    pub what: String,
+    /// What was left at the end: the value, the rate per second or the spread that was compared last, in the channel's unit; `None`:
+    /// the channel was not measured, or not for long enough.
+    pub left: Option<f64>,
+}
+
+impl fmt::Display for Timeout {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Timeout { step, line, tick, ticks, waited } = self;
+        write!(
+            f,
+            "line {line} (step {step}): after {} s, at tick {tick}, still waited for ",
+            Tick::at(*ticks).seconds()
+        )?;
+        for (number, Waited { what, left }) in waited.iter().enumerate() {
+            let or = if number > 0 { ", or " } else { "" };
+            match left {
+                Some(left) => write!(f, "{or}{what} (was {left:.4})")?,
+                None => write!(f, "{or}{what} (not measured for long enough)")?,
+            }
+        }
+        Ok(())
+    }
 }
 
 /// What is controlled, and the wave that it follows, times a gain.
@@ -83,6 +133,8 @@ impl Ramp {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Playback {
     instructions: Vec<Instruction>,
+    /// Memory of the conditions of the hold under way, in their order.
+    windows: Vec<SpreadWindow>,
     state: State,
     position: Position,
     /// Segment of the current instruction; `None` before the first.
@@ -112,12 +164,37 @@ enum Position {
 impl Playback {
     pub(crate) fn new(start: State, instructions: Vec<Instruction>) -> Self {
         let aim = InForce { setter: None, since: 0, begin: 0.0, turned: false };
-        Playback { instructions, state: start, position: Position::Before, segment: None, aim, ramp: None }
+        let most = instructions.iter().map(|instruction| instruction.any.len()).max().unwrap_or(0);
+        let ticks = |place: usize| {
+            instructions.iter().filter_map(|i| i.any.get(place).map(Condition::window_ticks)).max().unwrap_or(0)
+        };
+        let windows = (0..most).map(|place| SpreadWindow::for_ticks(ticks(place))).collect();
+        Playback { instructions, windows, state: start, position: Position::Before, segment: None, aim, ramp: None }
     }
 
     /// Ticks that the run lasts at most.
     pub fn ticks_bound(&self) -> u64 {
         self.instructions.iter().map(|instruction| instruction.ticks).sum()
+    }
+
+    /// The holds that ended by their `timeout_s`, in their order, once the run is over.
+    pub fn timeouts(&self) -> Vec<Timeout> {
+        let struck =
+            self.instructions.iter().enumerate().filter_map(|(step, i)| i.struck_at.map(|tick| (step, i, tick)));
+        let waited = |c: &Condition| Waited { what: c.to_string(), left: c.last() };
+        let timeout = |(step, i, tick): (usize, &Instruction, u64)| Timeout {
+            step: step as u32,
+            line: i.line,
+            tick,
+            ticks: i.ticks,
+            waited: i.any.iter().map(waited).collect(),
+        };
+        struck.map(timeout).collect()
+    }
+
+    /// Line of the script where this unrolled step is written, from 1.
+    pub fn line(&self, step: u32) -> Option<usize> {
+        self.instructions.get(step as usize).map(|instruction| instruction.line)
     }
 
     /// Brings the position up to this tick.
@@ -129,9 +206,13 @@ impl Playback {
                 Position::Before => (0, 0),
                 Position::At { index, since, ticks, .. } => {
                     // Every condition sees every tick: no short cut, their filters would miss it.
-                    let conditions = &mut self.instructions[index].any;
-                    let met = conditions.iter_mut().fold(false, |met, c| c.met(now, measured) | met);
+                    let instruction = &mut self.instructions[index];
+                    let conditions = instruction.any.iter_mut().zip(&mut self.windows);
+                    let met = conditions.fold(false, |met, (c, window)| c.met(now, measured, window) | met);
                     if now.index >= since + ticks {
+                        if !(met || instruction.any.is_empty() || instruction.on_arrival) {
+                            instruction.struck_at = Some(since + ticks);
+                        }
                         (index + 1, since + ticks)
                     } else if met {
                         (index + 1, now.index)
@@ -167,7 +248,11 @@ impl Playback {
         // A jump goes forward only, so this ends.
         while let Some(instruction) = self.instructions.get_mut(index) {
             let mut jumps = instruction.jumps.iter_mut();
-            match jumps.find_map(|jump| jump.when.iter_mut().any(|c| c.met(now, measured)).then_some(jump.to)) {
+            // None of them needs a window: they look at one tick.
+            let mut none = SpreadWindow::none();
+            match jumps
+                .find_map(|jump| jump.when.iter_mut().any(|c| c.met(now, measured, &mut none)).then_some(jump.to))
+            {
                 Some(to) => index = to,
                 None => return Some(index),
             }
@@ -176,6 +261,7 @@ impl Playback {
     }
 
     fn enter(&mut self, index: usize, begins: u64, measured: &Measurement) {
+        self.windows.iter_mut().for_each(SpreadWindow::clear);
         let in_force = self.target(begins);
         let instruction = &self.instructions[index];
         if let Some(Aim { quantity, gain, signal }) = &instruction.aim {
@@ -264,7 +350,7 @@ impl Reference for Playback {
         let target = self.target(tick);
         let State { brake_open, bypass_open, fixture } = self.state;
         let segment = self.segment.unwrap_or(0);
-        Step { target, brake_open, bypass_open, fixture, segment, index: index as u32, last }
+        Step { target, brake_open, bypass_open, fixture, segment, index: index as u32, last, waiting: None }
     }
 }
 

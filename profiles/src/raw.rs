@@ -53,8 +53,47 @@ pub(crate) struct RawEnvelope {
     pub voltage_max_v: Option<Spanned<Quantity>>,
 }
 
-/// The lists of a `for_each` by variable.
-pub(crate) type Lists = BTreeMap<String, Spanned<Vec<Spanned<f64>>>>;
+/// The values of a `for_each` by variable.
+pub(crate) type Lists = BTreeMap<String, Spanned<RawValues>>;
+
+/// What a variable of a `for_each` walks through.
+pub(crate) enum RawValues {
+    List(Vec<Spanned<f64>>),
+    Range(RawRange),
+}
+
+/// Values at equal distances, both ends included.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawRange {
+    pub from: Spanned<Quantity>,
+    pub to: Spanned<Quantity>,
+    pub step: Option<Spanned<Quantity>>,
+    pub count: Option<Spanned<u32>>,
+}
+
+impl<'de> Deserialize<'de> for RawValues {
+    fn deserialize<D: de::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct ValuesVisitor;
+        impl<'de> Visitor<'de> for ValuesVisitor {
+            type Value = RawValues;
+            fn expecting(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+                f.write_str("a list of numbers, or { from = A, to = B } with `step` or `count`")
+            }
+            fn visit_seq<A: de::SeqAccess<'de>>(self, mut seq: A) -> Result<RawValues, A::Error> {
+                let mut list = Vec::new();
+                while let Some(value) = seq.next_element()? {
+                    list.push(value);
+                }
+                Ok(RawValues::List(list))
+            }
+            fn visit_map<A: de::MapAccess<'de>>(self, map: A) -> Result<RawValues, A::Error> {
+                RawRange::deserialize(de::value::MapAccessDeserializer::new(map)).map(RawValues::Range)
+            }
+        }
+        deserializer.deserialize_any(ValuesVisitor)
+    }
+}
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -76,6 +115,8 @@ pub(crate) struct RawStep {
     pub pressure1_bar: Option<Spanned<Quantity>>,
     pub pressure2_bar: Option<Spanned<Quantity>>,
     pub release_ml_s: Option<Spanned<Quantity>>,
+    pub operator: Option<Spanned<String>>,
+    pub amount: Option<Spanned<AmountName>>,
     pub for_s: Option<Spanned<Quantity>>,
     pub until: Option<Spanned<Vec<Spanned<RawCondition>>>>,
     pub timeout_s: Option<Spanned<Quantity>>,
@@ -102,6 +143,8 @@ impl RawStep {
             ("pressure1_bar", at(&self.pressure1_bar)),
             ("pressure2_bar", at(&self.pressure2_bar)),
             ("release_ml_s", at(&self.release_ml_s)),
+            ("operator", at(&self.operator)),
+            ("amount", at(&self.amount)),
             ("for_s", at(&self.for_s)),
             ("until", at(&self.until)),
             ("timeout_s", at(&self.timeout_s)),
@@ -234,6 +277,8 @@ pub(crate) struct RawCondition {
     pub below: Option<Spanned<Quantity>>,
     pub rate_below: Option<Spanned<Quantity>>,
     pub window_s: Option<Spanned<Quantity>>,
+    pub steady_within: Option<Spanned<Quantity>>,
+    pub for_s: Option<Spanned<Quantity>>,
 }
 
 #[derive(Clone, Copy, Deserialize, PartialEq, Eq)]
@@ -265,6 +310,13 @@ impl FixtureName {
             FixtureName::PumpBench => "pump-bench",
         }
     }
+}
+
+/// The number that an operator's confirmation must bring.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum AmountName {
+    VolumeMl,
 }
 
 /// A number, or a variable of an enclosing `for_each` (`"$name"`).

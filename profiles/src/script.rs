@@ -1,5 +1,6 @@
 //! A checked script: what it is for, and its steps with loops unrolled.
 
+use crate::ask::Hands;
 use crate::builtin::LoadError;
 use crate::compile;
 use crate::condition::Condition;
@@ -11,7 +12,8 @@ use crate::playback::Playback;
 use crate::raw::RawScript;
 use crate::signal::Signal;
 use crate::table::Tables;
-use rt_core::{Command, Fault, Fixture, OverrunPolicy};
+use crate::values::TICK_S;
+use rt_core::{Amount, Command, Fault, Fixture, OverrunPolicy};
 use serde::Deserialize;
 use std::path::Path;
 
@@ -96,6 +98,8 @@ pub struct Context {
     pub u_max_v: f64,
     /// Seed of the random steps. Each script mixes its name in, so that two scripts of a campaign differ.
     pub seed: u64,
+    /// Who does the operator's part.
+    pub hands: Hands,
 }
 
 /// A parsed and checked script.
@@ -171,7 +175,8 @@ impl Script {
         Command { voltage_v: 0.0, brake_open, bypass_open, fixture, segment: 0 }
     }
 
-    /// Longest time the script can take, s: every wait runs into its timeout and no loop is left early.
+    /// Longest time the script can take, s, where the rig does the operator's part: every wait runs into its timeout and no loop is
+    /// left early. People take as long as they take.
     pub fn duration_bound_s(&self) -> f64 {
         self.items.iter().map(|item| item.kind.bound_s()).sum()
     }
@@ -199,6 +204,12 @@ pub(crate) struct Change {
 pub(crate) struct Drive {
     pub quantity: Controlled,
     pub wave: Wave,
+}
+
+impl Drive {
+    /// 0 V.
+    pub const AT_REST: Drive =
+        Drive { quantity: Controlled::VoltageV, wave: Wave::Fixed(Signal::Constant(0.0)) };
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -266,6 +277,16 @@ pub(crate) struct Hold {
     pub change: Change,
     pub end: End,
     pub new_segment: bool,
+    /// What people are asked for meanwhile, in the script's own words.
+    pub operator: Option<OperatorPart>,
+}
+
+/// The operator's part of a hold, in the script's own words.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct OperatorPart {
+    pub text: String,
+    /// The number that must be confirmed.
+    pub amount: Option<Amount>,
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -281,6 +302,12 @@ pub(crate) enum End {
     Arrival {
         any: Vec<Condition>,
         bound_s: f64,
+    },
+    /// When the operator has confirmed; where the rig does the operator's part, after a tick. `any` and the timeout may end it
+    /// earlier.
+    Confirmed {
+        any: Vec<Condition>,
+        timeout_s: Option<f64>,
     },
 }
 
@@ -313,6 +340,7 @@ impl ItemKind {
                 End::After { seconds } => seconds,
                 End::Until { timeout_s, .. } => timeout_s,
                 End::Arrival { bound_s, .. } => bound_s,
+                End::Confirmed { .. } => TICK_S,
             },
             ItemKind::Random { steps, .. } => steps.total_s,
         }

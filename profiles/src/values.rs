@@ -3,10 +3,10 @@
 use crate::condition::{Condition, Limit};
 use crate::controlled::Controlled;
 use crate::error::{ScriptError, Source};
-use crate::raw::{FixtureName, Quantity, RawCondition, RawRandom, RawStep};
-use crate::script::{ANGLE_LIMIT_DEG, End, FixtureChange, RandomSteps};
+use crate::raw::{AmountName, FixtureName, Quantity, RawCondition, RawRandom, RawStep, at};
+use crate::script::{ANGLE_LIMIT_DEG, End, FixtureChange, OperatorPart, RandomSteps};
 use crate::target::Prepared;
-use rt_core::{Fixture, PERIOD_NS};
+use rt_core::{Amount, Fixture, PERIOD_NS};
 use std::cell::Cell;
 use std::ops::Range;
 use toml::Spanned;
@@ -15,6 +15,10 @@ use toml::Spanned;
 pub(crate) const MAX_HOLD_S: f64 = 86_400.0;
 /// One tick of the loop, s: the shortest hold.
 pub(crate) const TICK_S: f64 = PERIOD_NS as f64 * 1e-9;
+/// Longest time over which a channel may be asked to be steady, s: the loop keeps the values of that time.
+const MOST_STEADY_S: f64 = 600.0;
+/// Longest text of an operator's step, characters: a terminal's line holds it.
+const MOST_SAID: usize = 120;
 /// Fastest ramp of the lever, degrees a second.
 const MAX_RATE_DEG_S: f64 = 90.0;
 
@@ -165,10 +169,17 @@ impl Reader<'_> {
     pub fn end(&self, raw: &RawStep, offset: usize) -> Result<End, ScriptError> {
         match (&raw.for_s, &raw.until, &raw.timeout_s) {
             (Some(seconds), None, None) => Ok(End::After { seconds: self.duration("for_s", seconds)? }),
-            (None, Some(until), Some(timeout)) => Ok(End::Until {
-                any: self.conditions("until", until)?,
-                timeout_s: self.duration("timeout_s", timeout)?,
-            }),
+            (None, Some(until), Some(timeout)) => {
+                let any = self.conditions("until", until)?;
+                let timeout_s = self.duration("timeout_s", timeout)?;
+                if let Some(condition) = any.iter().find(|condition| condition.window_ticks() >= ticks(timeout_s)) {
+                    let what = format!(
+                        "`{condition}` can't be met within `timeout_s` = {timeout_s}: lengthen it, or shorten `for_s`"
+                    );
+                    return Err(self.source.error(timeout.span().start, what));
+                }
+                Ok(End::Until { any, timeout_s })
+            }
             (None, Some(until), None) => {
                 Err(self.source.error(until.span().start, "`until` needs a `timeout_s` beside it, got none"))
             }
@@ -195,6 +206,53 @@ impl Reader<'_> {
         Ok(End::Arrival { any: any.unwrap_or_default(), bound_s })
     }
 
+    /// How a hold with `operator` ends: when that is confirmed.
+    pub fn confirmed(&self, raw: &RawStep) -> Result<End, ScriptError> {
+        if let Some(seconds) = &raw.for_s {
+            let what = "a step with `operator` ends when it is confirmed: remove `for_s`, or give a `timeout_s`";
+            return Err(self.source.error(seconds.span().start, what));
+        }
+        let any = raw.until.as_ref().map(|until| self.conditions("until", until)).transpose()?;
+        let timeout_s = raw.timeout_s.as_ref().map(|timeout| self.duration("timeout_s", timeout)).transpose()?;
+        Ok(End::Confirmed { any: any.unwrap_or_default(), timeout_s })
+    }
+
+    /// The operator's part of a hold, where it has one.
+    pub fn operator(&self, raw: &RawStep) -> Result<Option<OperatorPart>, ScriptError> {
+        let Some(text) = &raw.operator else {
+            return match &raw.amount {
+                Some(amount) => {
+                    let what = "`amount` is what the operator confirms: it needs `operator` in the same step, got none";
+                    Err(self.source.error(amount.span().start, what))
+                }
+                None => Ok(None),
+            };
+        };
+        let said = text.get_ref().trim();
+        // A journal's entry holds it, and a terminal's line.
+        if said.is_empty() || said.chars().count() > MOST_SAID || said.contains(char::is_control) {
+            let what = format!("`operator` must be one line of 1 .. {MOST_SAID} characters, got {said:?}");
+            return Err(self.source.error(text.span().start, what));
+        }
+        let hands = match raw.fixture.as_ref().map(|name| *name.get_ref()) {
+            // The lever is let go, or nothing is said of it: the pump may do what the script wants.
+            None | Some(FixtureName::Free) => None,
+            Some(name) => Some(name),
+        };
+        let drives = [at(&raw.voltage_v), at(&raw.voltage_u_max), at(&raw.flow_ml_s), at(&raw.target)];
+        if let (Some(name), Some(drive)) = (hands, drives.into_iter().flatten().next()) {
+            let what = format!(
+                "a step with `operator` and the fixture `{}` has people at the rig and the pump at 0 V: remove its target",
+                name.as_str()
+            );
+            return Err(self.source.error(drive.start, what));
+        }
+        let amount = raw.amount.as_ref().map(|amount| match amount.get_ref() {
+            AmountName::VolumeMl => Amount::VolumeMl,
+        });
+        Ok(Some(OperatorPart { text: said.to_owned(), amount }))
+    }
+
     pub fn conditions(
         &self,
         key: &str,
@@ -207,18 +265,26 @@ impl Reader<'_> {
     }
 
     fn condition(&self, key: &str, raw: &Spanned<RawCondition>) -> Result<Condition, ScriptError> {
-        let RawCondition { channel, above, below, rate_below, window_s } = raw.get_ref();
-        let limit = match (above, below, rate_below, window_s) {
-            (Some(limit), None, None, None) => Limit::Above(self.number("above", limit)?),
-            (None, Some(limit), None, None) => Limit::Below(self.number("below", limit)?),
-            // A rate needs ticks to be seen; `stop_when` looks at one.
-            (None, None, Some(rate), Some(window)) if key == "until" => Limit::RateBelow {
+        let RawCondition { channel, above, below, rate_below, window_s, steady_within, for_s } = raw.get_ref();
+        let limit = match (above, below, rate_below, window_s, steady_within, for_s) {
+            (Some(limit), None, None, None, None, None) => Limit::Above(self.number("above", limit)?),
+            (None, Some(limit), None, None, None, None) => Limit::Below(self.number("below", limit)?),
+            // A rate and a spread need ticks to be seen; `stop_when` looks at one.
+            (None, None, Some(rate), Some(window), None, None) if key == "until" => Limit::RateBelow {
                 per_s: self.within("rate_below", rate, 1e-9, 1e9)?,
                 window_s: self.duration("window_s", window)?,
             },
+            (None, None, None, None, Some(spread), Some(window)) if key == "until" => Limit::SteadyWithin {
+                spread: self.within("steady_within", spread, 1e-9, 1e9)?,
+                ticks: ticks(self.within("for_s", window, TICK_S, MOST_STEADY_S)?),
+            },
             _ => {
-                let rate = if key == "until" { ", or `rate_below` with `window_s`" } else { "" };
-                let what = format!("a condition of `{key}` needs exactly one of `above` and `below`{rate}");
+                let more = if key == "until" {
+                    ", `rate_below` with `window_s`, and `steady_within` with `for_s`"
+                } else {
+                    ""
+                };
+                let what = format!("a condition of `{key}` needs exactly one of `above` and `below`{more}");
                 return Err(self.source.error(raw.span().start, what));
             }
         };
