@@ -5,8 +5,10 @@ use crate::events::{aftermath, events_of};
 use crate::failure::{Failure, Kind};
 use crate::incident::Incidents;
 use crate::logger::{Logger, LoggerError};
+use crate::machine;
 use crate::progress::Progress;
 use crate::recorder::{OnFull, ask_to_stop};
+use crate::rig_file::RigRecord;
 use crate::setup::{Knowledge, Setup};
 use drivers::journal::{JournalReader, Occurrence, Severity};
 use profiles::Script;
@@ -82,6 +84,7 @@ pub struct Runner {
     flown: FlightLog,
     system: Option<(ProcessGuard, Report)>,
     journals: JournalReader,
+    rig: RigRecord,
     next_run: u32,
 }
 
@@ -139,6 +142,7 @@ impl Runner {
             flown,
             system,
             journals: JournalReader::default(),
+            rig: RigRecord::default(),
             next_run: 0,
         };
         if let Some((_, report)) = &runner.system {
@@ -150,6 +154,17 @@ impl Runner {
     /// Where drivers get the journals from that the recordings take their events from.
     pub fn journals(&mut self) -> &mut JournalReader {
         &mut self.journals
+    }
+
+    /// What every recording from now on keeps of the rig.
+    pub fn describe(&mut self, rig: RigRecord) {
+        self.rig = rig;
+    }
+
+    /// The number of the next run, which counts up from there: a campaign that is resumed numbers its runs as if it had never been interrupted.
+    /// Within the life of the runner it must not go back.
+    pub fn number_from(&mut self, next_run: u32) {
+        self.next_run = next_run;
     }
 
     /// Runs a script to its end and records it, with what the drivers note meanwhile.
@@ -164,16 +179,19 @@ impl Runner {
         switches: &Switches,
         progress: &Progress,
     ) -> Result<Finished, Failure> {
-        let context = profiles::Context { u_max_v: plan.u_max_v, seed: plan.seed };
+        let context = profiles::Context { u_max_v: plan.u_max_v, seed: plan.seed, hands: profiles::Hands::Rig };
         let mut playback = plan.script.compile(&context).map_err(|e| Failure::of(Kind::Input, &e))?;
         let run = Run { number: self.next_run, overrun: plan.script.overrun };
         self.next_run += 1;
         let setup = Setup::of(plan.seed, plan.u_max_v, self.supervisor.limits(), plan.knowledge);
         let mut controller = plan.knowledge.controller(plan.script.plane)?;
-        let mut metadata = metadata(plan, &setup)?;
+        let mut metadata = metadata(plan, &setup, &self.rig)?;
 
         let Runner { mode, supervisor, logger, publication, flight, flown, system, journals, .. } = self;
         let mut noted = said_of(journals.read(), progress);
+        if let Some(reader) = journals.take_telemetry() {
+            logger.record_amplifier(reader).map_err(|e| failure_of(&e))?;
+        }
         let mut incidents = Incidents::beside(plan.path);
         let step = progress.step(plan.script.name.as_str(), playback.ticks_bound());
         let begin = |logger: &mut Logger, metadata: RunMetadata| {
@@ -243,6 +261,9 @@ impl Runner {
         events.extend(events_of(&noted, origin_ns, journals.untaken()));
         let recorded = logger.end(run.number, ticks, events).map_err(|e| failure_of(&e))?;
         step.finish();
+        if recorded.lost_reports > 0 {
+            progress.say(&format!("{} reports of the amplifier are missing in the recording", recorded.lost_reports));
+        }
         progress.result(&format!("{}: {}", plan.script.name, recorded.certificate));
         // First what happened to the rig, then what happened to the data.
         let report = outcome.map_err(|e| Failure::of(Kind::Device, &e))?;
@@ -302,19 +323,21 @@ pub fn certify(name: &str, certificate: &LossCertificate) -> Result<(), Failure>
     Err(Failure::new(Kind::Loss, format!("{name}: {certificate}; the recording can't be used, run it again")))
 }
 
-fn metadata(plan: &Plan<'_>, setup: &Setup) -> Result<RunMetadata, Failure> {
+fn metadata(plan: &Plan<'_>, setup: &Setup, rig: &RigRecord) -> Result<RunMetadata, Failure> {
     let Script { name, protocol, role, plane, .. } = plan.script;
     let unknown = |e: recordings::UnknownWord| Failure::of(Kind::Internal, &e);
     let mut notes = plan.notes.clone();
     notes.extend(setup.notes());
-    Ok(RunMetadata {
-        name: name.clone(),
-        protocol: FromStr::from_str(protocol.as_str()).map_err(unknown)?,
-        role: FromStr::from_str(role.as_str()).map_err(unknown)?,
-        plane: FromStr::from_str(plane.as_str()).map_err(unknown)?,
-        profile: plan.script.text.clone(),
-        notes,
-    })
+    let metadata = RunMetadata::new(
+        name.clone(),
+        FromStr::from_str(protocol.as_str()).map_err(unknown)?,
+        FromStr::from_str(role.as_str()).map_err(unknown)?,
+        FromStr::from_str(plane.as_str()).map_err(unknown)?,
+    );
+    let (profile, calibration) = (plan.script.text.clone(), rig.calibration.clone());
+    let files = rig.files.clone().into_iter().chain(setup.files()).collect();
+    let (host, program) = (machine::host(), machine::program());
+    Ok(RunMetadata { profile, files, calibration, host, program, notes, ..metadata })
 }
 
 /// What drivers noted, said to whoever watches the run; what is for the record alone is not.

@@ -11,14 +11,7 @@ use std::time::Duration;
 const PATIENCE: Duration = Duration::from_secs(20);
 
 fn metadata() -> RunMetadata {
-    RunMetadata {
-        name: "run".into(),
-        protocol: Protocol::RandomSteps,
-        role: Role::Identify,
-        plane: Plane::Horizontal,
-        profile: String::new(),
-        notes: Default::default(),
-    }
+    RunMetadata::new("run", Protocol::RandomSteps, Role::Identify, Plane::Horizontal)
 }
 
 fn sample(run: u32, tick: u64, last: bool) -> Sample {

@@ -9,12 +9,8 @@ use std::process::Command;
 
 fn write(path: &Path, samples: u64) {
     let metadata = RunMetadata {
-        name: "square_h".into(),
-        protocol: Protocol::SquareWave,
-        role: Role::Identify,
-        plane: Plane::Vertical,
         profile: "name = \"square_h\"".into(),
-        notes: Default::default(),
+        ..RunMetadata::new("square_h", Protocol::SquareWave, Role::Identify, Plane::Vertical)
     };
     let mut writer = McapWriter::create(path, &metadata).expect("a new file");
     for tick in 0..samples {

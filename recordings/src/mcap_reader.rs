@@ -12,7 +12,7 @@ use rt_core::{LossCertificate, Sample};
 
 use crate::alignment::Alignment;
 use crate::error::Place;
-use crate::run_metadata::{Event, RunMetadata};
+use crate::run_metadata::{AmplifierReport, Event, RunMetadata};
 use crate::succession::{Misfit, Succession};
 use crate::wire::{self, BadField};
 use crate::{CampaignError, Plane, Protocol, Recording};
@@ -30,6 +30,8 @@ pub enum Item {
     Sample(Sample),
     /// Something that happened besides.
     Event(Event),
+    /// What the motor amplifier told of itself.
+    Amplifier(AmplifierReport),
 }
 
 /// Reads an MCAP recording from start to end. Samples come in order of tick and time.
@@ -113,7 +115,7 @@ impl McapReader {
                     self.samples.push(&sample);
                     return Ok(Some(Item::Sample(sample)));
                 }
-                Some(Found::Message(Ok(event))) => return Ok(Some(event)),
+                Some(Found::Message(Ok(other))) => return Ok(Some(other)),
                 Some(Found::Message(Err(got))) => {
                     let at = Place::file(&self.path).tick(self.next_tick());
                     let remedy = "use the version of the program that wrote the file";
@@ -218,6 +220,7 @@ pub(crate) fn read_recording(
 pub(crate) enum Topic {
     Sample,
     Event,
+    Amplifier,
 }
 
 impl Topic {
@@ -227,6 +230,7 @@ impl Topic {
             _ if channel.message_encoding != wire::ENCODING => None,
             wire::SAMPLE_TOPIC => Some(Topic::Sample),
             wire::EVENT_TOPIC => Some(Topic::Event),
+            wire::AMPLIFIER_TOPIC => Some(Topic::Amplifier),
             _ => None,
         }
     }
@@ -246,6 +250,7 @@ impl Found {
             Record::Message { header, data } => match topics.get(&header.channel_id) {
                 Some(Topic::Sample) => Found::Message(wire::decode_sample(&data).map(Item::Sample)),
                 Some(Topic::Event) => Found::Message(wire::decode_event(&data).map(Item::Event)),
+                Some(Topic::Amplifier) => Found::Message(wire::decode_amplifier(&data).map(Item::Amplifier)),
                 None => Found::Other,
             },
             Record::Channel(channel) => match Topic::of(&channel) {

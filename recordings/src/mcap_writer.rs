@@ -11,7 +11,7 @@ use rt_core::{LossCertificate, SAMPLE_VERSION, Sample};
 use crate::ending::{self, LooseMessage};
 use crate::error::{CampaignError, CutShort, Place};
 use crate::part_file::{Existing, PartFile};
-use crate::run_metadata::{Event, RunMetadata, Severity};
+use crate::run_metadata::{AmplifierReport, Event, RunMetadata, Severity};
 use crate::succession::{Mark, Misfit, Succession};
 use crate::wire;
 
@@ -120,6 +120,14 @@ impl McapWriter {
     /// The system's refusal, as for [`write`](Self::write).
     pub fn write_event(&mut self, event: &Event) -> Result<(), CampaignError> {
         self.append(wire::EVENT_CHANNEL, event.tick, event.scheduled_ns, &wire::encode_event(event))
+    }
+
+    /// Appends a report of the motor amplifier. Reports may stand anywhere between the samples.
+    ///
+    /// # Errors
+    /// The system's refusal, as for [`write`](Self::write).
+    pub fn write_amplifier(&mut self, report: &AmplifierReport) -> Result<(), CampaignError> {
+        self.append(wire::AMPLIFIER_CHANNEL, report.tick, report.arrived_ns, &wire::encode_amplifier(report))
     }
 
     /// What this recording can certify of a run that has `expected` samples (numbers 0 to `expected` - 1).
@@ -297,6 +305,7 @@ fn begin(writer: &mut Writer<NoSeek<PartFile>>, run: &RunMetadata) -> McapResult
     for (id, schema, topic) in [
         (wire::SAMPLE_CHANNEL, wire::SAMPLE_SCHEMA, wire::SAMPLE_TOPIC),
         (wire::EVENT_CHANNEL, wire::EVENT_SCHEMA, wire::EVENT_TOPIC),
+        (wire::AMPLIFIER_CHANNEL, wire::AMPLIFIER_SCHEMA, wire::AMPLIFIER_TOPIC),
     ] {
         let schema = writer.add_schema(schema, wire::ENCODING, wire::SCHEMA)?;
         writer.add_channel_with_id(id, schema, topic, wire::ENCODING, &Default::default())?;

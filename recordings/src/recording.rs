@@ -100,6 +100,22 @@ impl Recording {
         self.segment.push(i64::from(sample.segment));
     }
 
+    /// Some of the rows.
+    pub(crate) fn rows(&self, range: std::ops::Range<usize>) -> Recording {
+        Recording {
+            time_s: self.time_s[range.clone()].to_vec(),
+            voltage_v: self.voltage_v[range.clone()].to_vec(),
+            angle_deg: self.angle_deg[range.clone()].to_vec(),
+            pressure1_bar: self.pressure1_bar[range.clone()].to_vec(),
+            pressure2_bar: self.pressure2_bar[range.clone()].to_vec(),
+            torque_nm: self.torque_nm[range.clone()].to_vec(),
+            volume_ml: self.volume_ml[range.clone()].to_vec(),
+            brake_open: self.brake_open[range.clone()].to_vec(),
+            bypass_open: self.bypass_open[range.clone()].to_vec(),
+            segment: self.segment[range].to_vec(),
+        }
+    }
+
     /// Leaves the first `rows` rows.
     pub(crate) fn truncate(&mut self, rows: usize) {
         let Recording { time_s, voltage_v, angle_deg, pressure1_bar, pressure2_bar, torque_nm, volume_ml, .. } = self;

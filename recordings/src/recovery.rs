@@ -10,10 +10,10 @@ use mcap::records::Record;
 use rt_core::{LossCertificate, Sample};
 
 use crate::error::Place;
-use crate::mcap_reader::Topic;
+use crate::mcap_reader::{Item, Topic};
 use crate::mcap_writer::McapWriter;
 use crate::part_file::Existing;
-use crate::run_metadata::{Event, RunMetadata};
+use crate::run_metadata::RunMetadata;
 use crate::survey::{Survey, chunk_records, read};
 use crate::{CampaignError, wire};
 
@@ -45,6 +45,8 @@ pub struct Recovered {
     pub span_s: Option<(f64, f64)>,
     /// Events that came back.
     pub events: u64,
+    /// Reports of the amplifier that came back.
+    pub amplifier_reports: u64,
     /// Sound samples that were left out, since they do not follow those before them.
     pub left_out: u64,
     /// What was passed over, in the order of the file.
@@ -72,10 +74,14 @@ pub fn recover(source: &Path, target: &Path, unknown: &RunMetadata) -> Result<Re
     for chunk in &survey.chunks {
         for item in messages(source, &file, chunk, &topics)? {
             match item {
-                Message::Sample(sample) => tally.sample(&mut writer, &sample)?,
-                Message::Event(event) => {
+                Item::Sample(sample) => tally.sample(&mut writer, &sample)?,
+                Item::Event(event) => {
                     writer.write_event(&event)?;
                     tally.events += 1;
+                }
+                Item::Amplifier(report) => {
+                    writer.write_amplifier(&report)?;
+                    tally.amplifier_reports += 1;
                 }
             }
         }
@@ -89,6 +95,7 @@ pub fn recover(source: &Path, target: &Path, unknown: &RunMetadata) -> Result<Re
         certificate,
         span_s: tally.span_s,
         events: tally.events,
+        amplifier_reports: tally.amplifier_reports,
         left_out: tally.left_out,
         damage: survey.damage.into_iter().map(|bytes| Damage { bytes }).collect(),
         ended: survey.ended,
@@ -99,6 +106,7 @@ pub fn recover(source: &Path, target: &Path, unknown: &RunMetadata) -> Result<Re
 #[derive(Default)]
 struct Tally {
     events: u64,
+    amplifier_reports: u64,
     left_out: u64,
     span_s: Option<(f64, f64)>,
     /// The run's last sample is there.
@@ -164,12 +172,11 @@ fn topics(source: &Path, file: &File, survey: &Survey) -> Result<HashMap<u16, To
         let remedy = "there is nothing to recover; is it the right file?";
         return Err(CampaignError::content(Place::file(source), "a recording of this project", got, remedy));
     }
-    Ok(HashMap::from([(wire::SAMPLE_CHANNEL, Topic::Sample), (wire::EVENT_CHANNEL, Topic::Event)]))
-}
-
-enum Message {
-    Sample(Sample),
-    Event(Event),
+    Ok(HashMap::from([
+        (wire::SAMPLE_CHANNEL, Topic::Sample),
+        (wire::EVENT_CHANNEL, Topic::Event),
+        (wire::AMPLIFIER_CHANNEL, Topic::Amplifier),
+    ]))
 }
 
 fn messages(
@@ -177,15 +184,16 @@ fn messages(
     file: &File,
     chunk: &Range<u64>,
     topics: &HashMap<u16, Topic>,
-) -> Result<Vec<Message>, CampaignError> {
+) -> Result<Vec<Item>, CampaignError> {
     let bytes = read(file, chunk.clone()).map_err(|error| CampaignError::read(source, error))?;
     let mut messages = Vec::new();
     let mut unread = None;
     chunk_records(&bytes, |record| {
         let Record::Message { header, data } = record else { return };
         let message = match topics.get(&header.channel_id) {
-            Some(Topic::Sample) => wire::decode_sample(&data).map(Message::Sample),
-            Some(Topic::Event) => wire::decode_event(&data).map(Message::Event),
+            Some(Topic::Sample) => wire::decode_sample(&data).map(Item::Sample),
+            Some(Topic::Event) => wire::decode_event(&data).map(Item::Event),
+            Some(Topic::Amplifier) => wire::decode_amplifier(&data).map(Item::Amplifier),
             None => return,
         };
         match message {

@@ -7,7 +7,7 @@ use std::str::FromStr;
 use prost::Message;
 use rt_core::{LossCertificate, SAMPLE_VERSION, Sample, flags};
 
-use crate::run_metadata::{Event, RunMetadata, Severity};
+use crate::run_metadata::{AmplifierFault, AmplifierReport, Event, RunMetadata, Severity};
 use crate::vocabulary::UnknownWord;
 
 mod proto {
@@ -21,22 +21,31 @@ pub(crate) const SAMPLE_TOPIC: &str = "/rig/sample";
 pub(crate) const SAMPLE_SCHEMA: &str = "rec_bench.v1.RigSample";
 pub(crate) const EVENT_TOPIC: &str = "/events";
 pub(crate) const EVENT_SCHEMA: &str = "rec_bench.v1.Event";
+pub(crate) const AMPLIFIER_TOPIC: &str = "/amplifier";
+pub(crate) const AMPLIFIER_SCHEMA: &str = "rec_bench.v1.AmplifierReport";
 /// Numbers of the channels, for a file whose own list is damaged.
 pub(crate) const SAMPLE_CHANNEL: u16 = 1;
 pub(crate) const EVENT_CHANNEL: u16 = 2;
+pub(crate) const AMPLIFIER_CHANNEL: u16 = 3;
 
 /// Names of the metadata records.
 pub(crate) const RUN_RECORD: &str = "rec_bench.run";
 pub(crate) const LOSS_RECORD: &str = "rec_bench.loss";
 
 /// Version of the recording format: what `rec_bench.run` says under `format`.
-pub(crate) const FORMAT: &str = "1";
+pub(crate) const FORMAT: &str = "2";
+/// The versions that are read.
+const READ_FORMATS: [&str; 2] = ["1", FORMAT];
 
 /// Field of both metadata records that proves the others: they stand outside of the chunks and their checksums.
 const CHECK: &str = "crc32";
 
 /// Notes stand in `rec_bench.run` under their name with this before it.
 const NOTE: &str = "note.";
+/// Texts of files, likewise.
+const FILE: &str = "file.";
+/// Facts of the machine, likewise.
+const HOST: &str = "host.";
 
 /// The flag bits that have a field of their own in the message.
 const FLAG_FIELDS: u32 = flags::BRAKE_OPEN
@@ -46,7 +55,13 @@ const FLAG_FIELDS: u32 = flags::BRAKE_OPEN
     | flags::FAULT
     | flags::OVERRUN
     | flags::STOPPED
-    | flags::SLEW_LIMITED;
+    | flags::SLEW_LIMITED
+    | WAITING
+    | CONFIRMED;
+/// The run waits for a person.
+const WAITING: u32 = 1 << 8;
+/// A person confirmed at this tick.
+const CONFIRMED: u32 = 1 << 9;
 
 /// Layouts of the sample that are read. The first knew no skipped ticks, one age for all values, and no reason of a trip.
 const READ_VERSIONS: std::ops::RangeInclusive<u32> = 1..=SAMPLE_VERSION;
@@ -90,6 +105,8 @@ pub(crate) fn encode_sample(sample: &Sample, bytes: &mut Vec<u8>) {
         overrun: sample.overrun(),
         stopped: sample.flags & flags::STOPPED != 0,
         slew_limited: sample.flags & flags::SLEW_LIMITED != 0,
+        waiting: sample.flags & WAITING != 0,
+        confirmed: sample.flags & CONFIRMED != 0,
     };
     bytes.clear();
     message.encode(bytes).expect("a Vec grows as far as a message needs");
@@ -146,7 +163,9 @@ pub(crate) fn decode_sample(bytes: &[u8]) -> Result<Sample, String> {
             | bit(message.fault, flags::FAULT)
             | bit(message.overrun, flags::OVERRUN)
             | bit(message.stopped, flags::STOPPED)
-            | bit(message.slew_limited, flags::SLEW_LIMITED),
+            | bit(message.slew_limited, flags::SLEW_LIMITED)
+            | bit(message.waiting, WAITING)
+            | bit(message.confirmed, CONFIRMED),
     };
     if message.version == 1 {
         sample.quality = sample.measurement().valid();
@@ -184,6 +203,39 @@ pub(crate) fn decode_event(bytes: &[u8]) -> Result<Event, String> {
     Ok(Event { tick, scheduled_ns, severity, source, text })
 }
 
+/// The message of this report.
+pub(crate) fn encode_amplifier(report: &AmplifierReport) -> Vec<u8> {
+    let told = |value: f64| (!value.is_nan()).then_some(value);
+    proto::AmplifierReport {
+        tick: report.tick,
+        arrived_ns: report.arrived_ns,
+        supply_v: told(report.supply_v),
+        motor_current_a: told(report.motor_current_a),
+        speed_rpm: told(report.speed_rpm),
+        duty: told(report.duty),
+        temperature_c: told(report.temperature_c),
+        fault_code: report.fault.as_ref().map(|fault| fault.code),
+        fault_name: report.fault.as_ref().map_or_else(String::new, |fault| fault.name.clone()),
+    }
+    .encode_to_vec()
+}
+
+/// The report of a message, or what is wrong with it.
+pub(crate) fn decode_amplifier(bytes: &[u8]) -> Result<AmplifierReport, String> {
+    let message = proto::AmplifierReport::decode(bytes).map_err(|error| error.to_string())?;
+    let told = |value: Option<f64>| value.unwrap_or(f64::NAN);
+    Ok(AmplifierReport {
+        tick: message.tick,
+        arrived_ns: message.arrived_ns,
+        supply_v: told(message.supply_v),
+        motor_current_a: told(message.motor_current_a),
+        speed_rpm: told(message.speed_rpm),
+        duty: told(message.duty),
+        temperature_c: told(message.temperature_c),
+        fault: message.fault_code.map(|code| AmplifierFault { code, name: message.fault_name }),
+    })
+}
+
 /// The fields of the record `rec_bench.run`.
 pub(crate) fn run_fields(run: &RunMetadata) -> BTreeMap<String, String> {
     let fields = [
@@ -193,11 +245,15 @@ pub(crate) fn run_fields(run: &RunMetadata) -> BTreeMap<String, String> {
         ("role", run.role.as_str()),
         ("plane", run.plane.as_str()),
         ("profile", run.profile.as_str()),
-    ]
-    .into_iter()
-    .map(|(key, value)| (key.to_owned(), value.to_owned()))
-    .chain(run.notes.iter().map(|(name, text)| (format!("{NOTE}{name}"), text.clone())));
-    proven(fields.collect())
+        ("calibration", run.calibration.as_str()),
+        ("program", run.program.as_str()),
+    ];
+    let named = [(FILE, &run.files), (HOST, &run.host), (NOTE, &run.notes)];
+    let named = named
+        .into_iter()
+        .flat_map(|(kind, texts)| texts.iter().map(move |(name, text)| (format!("{kind}{name}"), text.clone())));
+    let fields = fields.into_iter().map(|(key, value)| (key.to_owned(), value.to_owned()));
+    proven(fields.chain(named).collect())
 }
 
 /// The fields with the checksum that proves them.
@@ -245,9 +301,15 @@ fn field<'f>(fields: &'f BTreeMap<String, String>, key: &'static str) -> Result<
 pub(crate) fn run_of(fields: &BTreeMap<String, String>) -> Result<RunMetadata, BadField> {
     is_proven(fields)?;
     let format = field(fields, "format")?;
-    if format != FORMAT {
-        return Err(BadField { key: "format", expected: FORMAT.to_owned(), got: format!("{format:?}") });
+    if !READ_FORMATS.contains(&format) {
+        return Err(BadField { key: "format", expected: READ_FORMATS.join(" or "), got: format!("{format:?}") });
     }
+    // The first version knew neither.
+    let since_2 = |key: &'static str| if format == "1" { Ok("") } else { field(fields, key) };
+    let named = |kind: &str| {
+        let name = |(key, text): (&String, &String)| Some((key.strip_prefix(kind)?.to_owned(), text.clone()));
+        fields.iter().filter_map(name).collect()
+    };
     let bad = |key: &'static str| {
         move |word: UnknownWord| BadField { key, expected: word.allowed, got: format!("{:?}", word.got) }
     };
@@ -257,10 +319,11 @@ pub(crate) fn run_of(fields: &BTreeMap<String, String>) -> Result<RunMetadata, B
         role: field(fields, "role")?.parse().map_err(bad("role"))?,
         plane: field(fields, "plane")?.parse().map_err(bad("plane"))?,
         profile: field(fields, "profile")?.to_owned(),
-        notes: fields
-            .iter()
-            .filter_map(|(key, text)| Some((key.strip_prefix(NOTE)?.to_owned(), text.clone())))
-            .collect(),
+        files: named(FILE),
+        calibration: since_2("calibration")?.to_owned(),
+        host: named(HOST),
+        program: since_2("program")?.to_owned(),
+        notes: named(NOTE),
     })
 }
 

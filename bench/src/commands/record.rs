@@ -54,8 +54,7 @@ impl Said {
     /// As metadata of a run of this name.
     pub(super) fn metadata(self, name: &str) -> RunMetadata {
         let Said { protocol, role, plane } = self;
-        let (name, profile) = (name.to_owned(), String::new());
-        RunMetadata { name, protocol, role, plane, profile, notes: Default::default() }
+        RunMetadata::new(name, protocol, role, plane)
     }
 }
 

@@ -64,11 +64,15 @@ fn default_target(source: &Path) -> PathBuf {
 }
 
 fn report(source: &Path, recovered: &Recovered) -> Vec<String> {
-    let Recovered { path, certificate, span_s, events, left_out, damage, ended, .. } = recovered;
+    let Recovered { path, certificate, span_s, events, amplifier_reports, left_out, damage, ended, .. } = recovered;
     let span =
         span_s.map_or(String::new(), |(first_s, last_s)| format!(", from {first_s:.3} s to {last_s:.3} s of the run"));
     let mut lines = vec![
-        format!("{}: {} samples{span}, {events} events", source.display(), certificate.received),
+        format!(
+            "{}: {} samples{span}, {events} events, {amplifier_reports} reports of the amplifier",
+            source.display(),
+            certificate.received
+        ),
         match damage.first() {
             Some(first) => format!("damage begins at byte {}", first.bytes.start),
             None if *ended => "no damage was found".to_owned(),

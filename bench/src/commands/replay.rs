@@ -55,9 +55,9 @@ pub fn replay(path: &Path) -> Result<Verdict, Failure> {
     let input = |e: &CampaignError| Failure::of(Kind::Input, e);
     let mut reader = McapReader::open(path).map_err(|e| input(&e))?;
     let recorded = reader.run().clone();
-    let setup = Setup::from_notes(&recorded.notes, &file)?;
+    let setup = Setup::of_recorded(&recorded, &file)?;
     let script = Script::parse(&recorded.profile, &file).map_err(|e| Failure::of(Kind::Input, &e))?;
-    let context = profiles::Context { u_max_v: setup.u_max_v, seed: setup.seed };
+    let context = profiles::Context { u_max_v: setup.u_max_v, seed: setup.seed, hands: profiles::Hands::Rig };
     let mut playback = script.compile(&context).map_err(|e| Failure::of(Kind::Input, &e))?;
     let mut controller = setup.knowledge.controller(script.plane)?;
     let mut supervisor = Supervisor::new(setup.limits).map_err(|e| Failure::of(Kind::Input, &e))?;
@@ -99,7 +99,7 @@ fn next_sample(reader: &mut McapReader, broken: &RefCell<Option<CampaignError>>)
     loop {
         match reader.next()? {
             Ok(Item::Sample(sample)) => return Some(sample),
-            Ok(Item::Event(_)) => {}
+            Ok(Item::Event(_) | Item::Amplifier(_)) => {}
             Err(error) => {
                 *broken.borrow_mut() = Some(error);
                 return None;

@@ -154,14 +154,12 @@ mod tests {
     }
 
     fn begun(dir: &Path, first: &Sample) -> RunFile {
-        let metadata = RunMetadata {
-            name: "run".into(),
-            protocol: recordings::Protocol::RandomSteps,
-            role: recordings::Role::Validate,
-            plane: recordings::Plane::Horizontal,
-            profile: String::new(),
-            notes: Default::default(),
-        };
+        let metadata = RunMetadata::new(
+            "run",
+            recordings::Protocol::RandomSteps,
+            recordings::Role::Validate,
+            recordings::Plane::Horizontal,
+        );
         let mut file = RunFile::create(&dir.join("a.mcap"), &metadata, first).expect("a new file");
         assert_eq!(file.take(first), Taken::Recorded);
         file

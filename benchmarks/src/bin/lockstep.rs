@@ -14,7 +14,6 @@ use recordings::RunMetadata;
 use rt_core::{Handover, PERIOD_NS, Pace, Publication, Publish, Sample};
 use rustix::thread::{CpuSet, sched_setaffinity};
 use rustix::time::{ClockId, clock_gettime};
-use std::collections::BTreeMap;
 use std::error::Error;
 use std::path::Path;
 use std::process::ExitCode;
@@ -132,14 +131,13 @@ fn recorded(bench: &mut Bench, path: &Path, at_tick: impl FnMut(u64)) -> Result<
     let publication = Publication::start(&instance(), Pace::LOCKSTEP)?;
     let mut logger = Logger::start(&instance())?;
     publication.wait_for_loggers(1, PATIENCE)?;
-    let metadata = RunMetadata {
-        name: bench.script.name.clone(),
-        protocol: FromStr::from_str(bench.script.protocol.as_str())?,
-        role: FromStr::from_str(bench.script.role.as_str())?,
-        plane: FromStr::from_str(bench.script.plane.as_str())?,
-        profile: bench.text.clone(),
-        notes: BTreeMap::new(),
-    };
+    let mut metadata = RunMetadata::new(
+        bench.script.name.clone(),
+        FromStr::from_str(bench.script.protocol.as_str())?,
+        FromStr::from_str(bench.script.role.as_str())?,
+        FromStr::from_str(bench.script.plane.as_str())?,
+    );
+    metadata.profile = bench.text.clone();
     logger.begin(0, path.to_owned(), metadata, |_| ())?;
     let mut watched = Watched { publication, at_tick };
     let ticks = bench.run_new(0, &mut watched)?;

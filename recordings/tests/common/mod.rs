@@ -72,12 +72,9 @@ pub fn skipping(number: u64) -> Sample {
 /// What the made-up run says about itself.
 pub fn metadata() -> RunMetadata {
     RunMetadata {
-        name: "square \"h\"".to_owned(),
-        protocol: Protocol::SquareWave,
-        role: Role::Validate,
-        plane: Plane::Vertical,
         profile: "[profile]\nname = \"square\"\n".to_owned(),
         notes: BTreeMap::from([("rig".to_owned(), "emulated".to_owned())]),
+        ..RunMetadata::new("square \"h\"", Protocol::SquareWave, Role::Validate, Plane::Vertical)
     }
 }
 
