@@ -30,6 +30,7 @@ pub(crate) fn playback(script: &Script, context: &Context) -> Result<Playback, S
                 let aim = hold.change.drive.as_ref().map(|drive| aim(drive, script, context, item.line)).transpose()?;
                 instructions.push(Instruction {
                     line: item.line,
+                    with: item.with.clone(),
                     jumps: Vec::new(),
                     aim,
                     brake_open: hold.change.brake_open,
@@ -45,7 +46,7 @@ pub(crate) fn playback(script: &Script, context: &Context) -> Result<Playback, S
             }
             ItemKind::Random { stream, steps } => {
                 let mut rng = generator(script, context, *stream);
-                random(&mut instructions, item.line, steps, context, &mut rng);
+                random(&mut instructions, item, steps, context, &mut rng);
             }
         }
     }
@@ -116,7 +117,7 @@ fn length(rng: &mut ChaCha8Rng, length_s: [f64; 2], left: u64) -> u64 {
 
 fn random(
     instructions: &mut Vec<Instruction>,
-    line: usize,
+    item: &Item,
     steps: &RandomSteps,
     context: &Context,
     rng: &mut ChaCha8Rng,
@@ -134,7 +135,8 @@ fn random(
         let bypass_open = !brake_closed && valves < steps.brake_closed_share + steps.bypass_open_share;
         let share = if zero { 0.0 } else { sign * size };
         instructions.push(Instruction {
-            line,
+            line: item.line,
+            with: item.with.clone(),
             jumps: Vec::new(),
             aim: Some(Aim {
                 quantity: Controlled::VoltageUMax,

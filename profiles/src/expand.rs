@@ -13,6 +13,7 @@ use crate::target::Prepared;
 use crate::values::{FixtureKeys, Reader, TICK_S, Variable};
 use rt_core::{Fixture, OverrunPolicy};
 use std::ops::Range;
+use std::sync::Arc;
 use toml::Spanned;
 
 /// More unrolled steps than this are taken for a mistake in a loop.
@@ -40,6 +41,7 @@ pub(crate) fn script(raw: &RawScript, source: &Source, tables: &Tables) -> Resul
         prepared: &prepared,
         items: Vec::new(),
         variables: Vec::new(),
+        with: Arc::from(""),
         commanded_deg: commanded_by(&start.fixture),
         random_streams: 0,
     };
@@ -101,6 +103,11 @@ fn start(raw: &Spanned<RawStart>, source: &Source, prepared: &Prepared) -> Resul
     Ok((state, fill_bar))
 }
 
+/// The words of an inner loop behind those of the loops around it.
+fn within(around: &str, own: &str) -> Arc<str> {
+    if around.is_empty() { own.into() } else { format!("{around}, {own}").into() }
+}
+
 /// The angles at which the lever may have been told to be: where it is free, anywhere.
 type AngleRange = (f64, f64);
 
@@ -119,6 +126,8 @@ struct Expansion<'a> {
     prepared: &'a Prepared<'a>,
     items: Vec<Item>,
     variables: Vec<Variable>,
+    /// The loops around the step under way, in words.
+    with: Arc<str>,
     commanded_deg: AngleRange,
     random_streams: u64,
 }
@@ -202,7 +211,10 @@ impl Expansion<'_> {
             return Err(self.source.error(lists.span().start, "`for_each` needs at least one list, got none"));
         };
         let outer = self.variables.len();
+        let around = self.with.clone();
         for pass in 0..passes {
+            let own: Vec<String> = walked.iter().map(|(name, values)| format!("{name} = {}", values[pass])).collect();
+            self.with = within(&around, &own.join(", "));
             for (name, values) in &walked {
                 self.variables.push(Variable { name: (*name).to_owned(), value: values[pass], used: false.into() });
             }
@@ -214,6 +226,7 @@ impl Expansion<'_> {
             }
             self.variables.truncate(outer);
         }
+        self.with = around;
         Ok(())
     }
 
@@ -224,10 +237,13 @@ impl Expansion<'_> {
         }
         let stop = raw.stop_when.as_ref().map(|stop| self.reader().conditions("stop_when", stop)).transpose()?;
         let mut starts = Vec::new();
-        for _ in 0..*times.get_ref() {
+        let around = self.with.clone();
+        for pass in 1..=*times.get_ref() {
+            self.with = within(&around, &format!("pass {pass} of {}", times.get_ref()));
             starts.push((self.items.len(), self.commanded_deg));
             self.steps(body)?;
         }
+        self.with = around;
         if let Some(when) = stop {
             let to = self.items.len();
             for (start, (low, high)) in starts {
@@ -250,7 +266,7 @@ impl Expansion<'_> {
         let steps = self.reader().random(random.get_ref())?;
         let kind = ItemKind::Random { stream: self.random_streams, steps };
         self.random_streams += 1;
-        self.items.push(Item { line: self.source.line(offset), skips: Vec::new(), kind });
+        self.items.push(Item { line: self.source.line(offset), with: self.with.clone(), skips: Vec::new(), kind });
         Ok(())
     }
 
@@ -311,7 +327,12 @@ impl Expansion<'_> {
         self.random_streams += u64::from(draws);
         let new_segment = raw.new_segment.as_ref().is_none_or(|value| *value.get_ref());
         let hold = Hold { change, end, new_segment, operator };
-        self.items.push(Item { line: self.source.line(offset), skips: Vec::new(), kind: ItemKind::Hold(hold) });
+        self.items.push(Item {
+            line: self.source.line(offset),
+            with: self.with.clone(),
+            skips: Vec::new(),
+            kind: ItemKind::Hold(hold),
+        });
         Ok(())
     }
 }

@@ -8,12 +8,15 @@ use crate::spread::SpreadWindow;
 use crate::values::ticks_at_least;
 use rt_core::{Fixture, Measurement, Reference, Step, Target, Tick};
 use std::fmt;
+use std::sync::Arc;
 
 /// One hold, ready to play. It is played at most once, so its conditions keep their state in place.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Instruction {
     /// Line of the script, from 1.
     pub line: usize,
+    /// Variables and passes of the loops around it, in words; may be empty.
+    pub with: Arc<str>,
     /// Looked at before it begins.
     pub jumps: Vec<Jump>,
     pub aim: Option<Aim>,
@@ -33,19 +36,41 @@ pub(crate) struct Instruction {
     pub struck_at: Option<u64>,
 }
 
+impl Instruction {
+    fn place(&self) -> Place {
+        Place { line: self.line, with: self.with.as_ref().to_owned() }
+    }
+}
+
 /// A hold whose time was over before what it waited for had come.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Timeout {
     /// The script's unrolled step, as in the samples.
     pub step: u32,
-    /// Line of the script, from 1.
-    pub line: usize,
+    /// Where that is written.
+    pub place: Place,
     /// The first tick after the hold.
     pub tick: u64,
     /// How long it lasted, ticks: its `timeout_s`.
     pub ticks: u64,
     /// What it waited for.
     pub waited: Vec<Waited>,
+}
+
+/// Where an unrolled step is written, and which pass through its loops it is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Place {
+    /// Line of the script, from 1.
+    pub line: usize,
+    /// The loops around it, outer first: `"angle_deg = 20, pass 2 of 10"`. Empty outside of loops.
+    pub with: String,
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "line {}", self.line)?;
+        if self.with.is_empty() { Ok(()) } else { write!(f, " ({})", self.with) }
+    }
 }
 
 /// A condition that was not met.
@@ -60,12 +85,8 @@ pub struct Waited {
 
 impl fmt::Display for Timeout {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Timeout { step, line, tick, ticks, waited } = self;
-        write!(
-            f,
-            "line {line} (step {step}): after {} s, at tick {tick}, still waited for ",
-            Tick::at(*ticks).seconds()
-        )?;
+        let Timeout { place, tick, ticks, waited, .. } = self;
+        write!(f, "{place}: after {} s, at tick {tick}, still waited for ", Tick::at(*ticks).seconds())?;
         for (number, Waited { what, left }) in waited.iter().enumerate() {
             let or = if number > 0 { ", or " } else { "" };
             match left {
@@ -184,7 +205,7 @@ impl Playback {
         let waited = |c: &Condition| Waited { what: c.to_string(), left: c.last() };
         let timeout = |(step, i, tick): (usize, &Instruction, u64)| Timeout {
             step: step as u32,
-            line: i.line,
+            place: i.place(),
             tick,
             ticks: i.ticks,
             waited: i.any.iter().map(waited).collect(),
@@ -192,9 +213,9 @@ impl Playback {
         struck.map(timeout).collect()
     }
 
-    /// Line of the script where this unrolled step is written, from 1.
-    pub fn line(&self, step: u32) -> Option<usize> {
-        self.instructions.get(step as usize).map(|instruction| instruction.line)
+    /// Where this unrolled step is written. `None`: there is no such step.
+    pub fn place(&self, step: u32) -> Option<Place> {
+        self.instructions.get(step as usize).map(Instruction::place)
     }
 
     /// Brings the position up to this tick.

@@ -16,6 +16,7 @@ use crate::values::TICK_S;
 use rt_core::{Amount, Command, Fault, Fixture, OverrunPolicy};
 use serde::Deserialize;
 use std::path::Path;
+use std::sync::Arc;
 
 /// Largest angle, degrees either way, that a script may ask for: the range of the actuator with a little to spare.
 pub const ANGLE_LIMIT_DEG: f64 = 45.0;
@@ -208,8 +209,7 @@ pub(crate) struct Drive {
 
 impl Drive {
     /// 0 V.
-    pub const AT_REST: Drive =
-        Drive { quantity: Controlled::VoltageV, wave: Wave::Fixed(Signal::Constant(0.0)) };
+    pub const AT_REST: Drive = Drive { quantity: Controlled::VoltageV, wave: Wave::Fixed(Signal::Constant(0.0)) };
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -254,6 +254,8 @@ pub(crate) enum FixtureChange {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Item {
     pub line: usize,
+    /// Variables and passes of the loops around it, in words; may be empty.
+    pub with: Arc<str>,
     /// Looked at, in order, before the item begins: the first that is met goes on at another item, behind the loop whose
     /// pass begins here.
     pub skips: Vec<Skip>,
