@@ -4,7 +4,9 @@
 //! When the system refuses to write a recording on (a full disk), the owner is told at once; the run goes on unrecorded unless
 //! the owner ends it, and its certificate says what is missing.
 
-use recordings::{CampaignError, CutShort, Event, McapWriter, RunMetadata};
+use crate::amplifier_log::AmplifierLog;
+use drivers::telemetry::TelemetryReader;
+use recordings::{AmplifierReport, CampaignError, CutShort, Event, McapWriter, RunMetadata, Severity};
 use rt_core::{Delivery, LinkError, LossCertificate, Sample, SampleSubscriber};
 use std::path::PathBuf;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender, TryRecvError};
@@ -42,6 +44,8 @@ pub enum LoggerError {
 
 /// What the logger is to do.
 enum Order {
+    /// Record the reports that are read here, from the next run on.
+    Amplifier(TelemetryReader),
     /// Record this run.
     Begin { run: u32, path: PathBuf, metadata: Box<RunMetadata>, count: Box<dyn Fn(u64) + Send> },
     /// The run is over; `ticks` is its length where the loop knows it.
@@ -55,6 +59,8 @@ pub struct Recorded {
     pub path: PathBuf,
     /// How much of the run it holds.
     pub certificate: LossCertificate,
+    /// Reports of the amplifier that are missing in it: they came faster than they were read.
+    pub lost_reports: u64,
     /// The system refused to write it on. The file may then be a `.part`.
     pub cut_short: Option<CutShort>,
 }
@@ -95,6 +101,14 @@ impl Logger {
         let logger = Logger { orders: Some(orders), answers, thread: Some(thread) };
         logger.answer(CLOSE)?;
         Ok(logger)
+    }
+
+    /// Records the amplifier's reports too, from the next run on.
+    ///
+    /// # Errors
+    /// The logger's thread has ended, and why.
+    pub fn record_amplifier(&mut self, reader: TelemetryReader) -> Result<(), LoggerError> {
+        self.order(Order::Amplifier(reader))
     }
 
     /// Opens the recording of `run`. `count` is called with the number of samples recorded so far, now and then.
@@ -155,11 +169,23 @@ fn serve(
     on_cut: &mut dyn FnMut(&CutShort),
 ) -> Result<(), LoggerError> {
     let mut samples = Vec::with_capacity(rt_core::subscribe::DRAIN_MAX);
+    let mut amplifier = None;
     while let Ok(order) = orders.recv() {
-        let Order::Begin { run, path, metadata, count } = order else {
-            return Err(LoggerError::Thread("was told to end a run that never began".to_owned()));
+        let (run, path, metadata, count) = match order {
+            Order::Begin { run, path, metadata, count } => (run, path, metadata, count),
+            Order::Amplifier(reader) => {
+                amplifier = Some(AmplifierLog::new(reader));
+                continue;
+            }
+            Order::End { .. } => {
+                return Err(LoggerError::Thread("was told to end a run that never began".to_owned()));
+            }
         };
-        let mut open = Open { run, writer: McapWriter::create(&path, &metadata)?, recorded: 0 };
+        let writer = McapWriter::create(&path, &metadata)?;
+        let mut open = Open { run, writer, recorded: 0, last: None, amplifier: amplifier.as_mut() };
+        if let Some(amplifier) = &mut open.amplifier {
+            amplifier.begin();
+        }
         if answers.send(Ok(None)).is_err() {
             return Ok(());
         }
@@ -198,14 +224,17 @@ fn serve(
 }
 
 /// The recording of a run under way.
-struct Open {
+struct Open<'a> {
     run: u32,
     writer: McapWriter,
     /// Samples that were handed to the writer.
     recorded: u64,
+    /// The newest of them.
+    last: Option<Sample>,
+    amplifier: Option<&'a mut AmplifierLog>,
 }
 
-impl Open {
+impl Open<'_> {
     fn record(&mut self, samples: &[Sample], on_cut: &mut dyn FnMut(&CutShort)) -> Result<(), LoggerError> {
         for sample in samples {
             if sample.run != self.run {
@@ -214,13 +243,30 @@ impl Open {
             if self.writer.cut_short().is_some() {
                 continue;
             }
-            match self.writer.write(sample) {
-                Ok(()) => self.recorded += 1,
+            let reports = reports(&mut self.writer, || self.amplifier.as_mut()?.before(sample));
+            match reports.and_then(|()| self.writer.write(sample)) {
+                Ok(()) => {
+                    self.recorded += 1;
+                    self.last = Some(*sample);
+                }
                 Err(CampaignError::CutShort(cut)) => on_cut(&cut),
                 Err(error) => return Err(error.into()),
             }
         }
         Ok(())
+    }
+
+    /// The amplifier's reports within the last tick, and what is missing of all.
+    fn end_reports(&mut self) -> Result<u64, CampaignError> {
+        let (Some(amplifier), Some(last)) = (&mut self.amplifier, self.last) else { return Ok(0) };
+        reports(&mut self.writer, || amplifier.within(&last))?;
+        let lost = amplifier.lost();
+        if lost > 0 {
+            let text = format!("{lost} reports of the amplifier are missing: they came faster than they were recorded");
+            let (tick, scheduled_ns, source) = (last.tick, last.scheduled_ns, "logger".to_owned());
+            self.writer.write_event(&Event { tick, scheduled_ns, severity: Severity::Warning, source, text })?;
+        }
+        Ok(lost)
     }
 
     /// `arrived`: what the subscriber can certify of the run.
@@ -231,21 +277,28 @@ impl Open {
         on_cut: &mut dyn FnMut(&CutShort),
     ) -> Result<Recorded, LoggerError> {
         let cut_before = self.writer.cut_short().is_some();
-        let written = events.iter().try_for_each(|event| self.writer.write_event(event));
+        let written = self.end_reports();
+        let lost_reports = *written.as_ref().unwrap_or(&0);
+        let written = written.and_then(|_| events.iter().try_for_each(|event| self.writer.write_event(event)));
         let finished = written.and_then(|()| self.writer.finish(&arrived));
         match finished {
-            Ok(path) => Ok(Recorded { path, certificate: arrived, cut_short: None }),
+            Ok(path) => Ok(Recorded { path, certificate: arrived, lost_reports, cut_short: None }),
             Err(CampaignError::CutShort(cut)) => {
                 if !cut_before {
                     on_cut(&cut);
                 }
                 let LossCertificate { run, expected, end_seen, .. } = arrived;
                 let certificate = LossCertificate { run, end_seen, ..cut.of_run(expected) };
-                Ok(Recorded { path: cut.file.clone(), certificate, cut_short: Some(cut) })
+                Ok(Recorded { path: cut.file.clone(), certificate, lost_reports, cut_short: Some(cut) })
             }
             Err(error) => Err(error.into()),
         }
     }
+}
+
+/// Appends reports for as long as there are any.
+fn reports(writer: &mut McapWriter, mut next: impl FnMut() -> Option<AmplifierReport>) -> Result<(), CampaignError> {
+    std::iter::from_fn(&mut next).try_for_each(|report| writer.write_amplifier(&report))
 }
 
 fn take(subscriber: &mut SampleSubscriber, into: &mut Vec<Sample>, wait: Duration) -> Result<usize, LoggerError> {

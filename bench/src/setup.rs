@@ -6,13 +6,16 @@ use crate::failure::{Failure, Kind};
 use crate::rig_file::{RawLimits, RawSafeState};
 use model::ModelFile;
 use profiles::Plane;
+use recordings::RunMetadata;
 use rt_core::{Controller, Limits, SafeState};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// Name of the note that holds the setup, as TOML.
 const SETUP_NOTE: &str = "setup";
-/// Name of the note that holds the controller's model, as `model.toml`.
+/// Name of the file that holds the controller's model. In the first recordings it was a note.
+const MODEL_FILE: &str = "model.toml";
+/// Name of that note.
 const MODEL_NOTE: &str = "model";
 
 /// What the controller knows of the rig, which decides the targets that it can serve.
@@ -82,7 +85,7 @@ impl Setup {
         Setup { seed, u_max_v, limits: *limits, knowledge: knowledge.clone() }
     }
 
-    /// The notes that hold it. Numbers are written so that they read back as the same bits.
+    /// The note that holds it, but for its model. Numbers are written so that they read back as the same bits.
     pub fn notes(&self) -> BTreeMap<String, String> {
         let written = Written {
             seed: self.seed.to_string(),
@@ -95,16 +98,20 @@ impl Setup {
             },
         };
         let text = toml::to_string(&written).expect("plain numbers and words always have a TOML form");
-        let mut notes = BTreeMap::from([(SETUP_NOTE.to_owned(), text)]);
-        notes.extend(self.knowledge.model().map(|model| (MODEL_NOTE.to_owned(), model.to_toml())));
-        notes
+        BTreeMap::from([(SETUP_NOTE.to_owned(), text)])
     }
 
-    /// The setup that a recording's notes hold; `file` is for messages.
+    /// The files that it needs besides: the controller's model, where there is one.
+    pub fn files(&self) -> BTreeMap<String, String> {
+        self.knowledge.model().map(|model| (MODEL_FILE.to_owned(), model.to_toml())).into_iter().collect()
+    }
+
+    /// The setup that a recording holds; `file` is for messages.
     ///
     /// # Errors
     /// No setup, or none of this program (2).
-    pub fn from_notes(notes: &BTreeMap<String, String>, file: &str) -> Result<Self, Failure> {
+    pub fn of_recorded(run: &RunMetadata, file: &str) -> Result<Self, Failure> {
+        let RunMetadata { notes, files, .. } = run;
         let input = |what: String| Failure::new(Kind::Input, format!("{file}: note {SETUP_NOTE:?}: {what}"));
         let text = notes.get(SETUP_NOTE).ok_or_else(|| {
             input("expected the setup of the run, got none; only recordings of `bench run` and of campaigns can be replayed".to_owned())
@@ -114,12 +121,13 @@ impl Setup {
             written.seed.parse().map_err(|_| input(format!("expected a whole number, got {:?}", written.seed)))?;
         let limits = written.limits.over(Limits::default());
         let limits = Limits { safe_state: written.safe_state.over(SafeState::default()), ..limits };
-        let model = notes.get(MODEL_NOTE).map(|text| ModelFile::parse(text, &format!("{file}: note {MODEL_NOTE:?}")));
+        let model = files.get(MODEL_FILE).or_else(|| notes.get(MODEL_NOTE));
+        let model = model.map(|text| ModelFile::parse(text, &format!("{file}: {MODEL_FILE}")));
         let knowledge = match (model.transpose().map_err(|e| Failure::of(Kind::Input, &e))?, written.controller) {
             (Some(model), Some(settings)) => Knowledge::Model(model, settings),
             (Some(model), None) => Knowledge::Pump(model),
             (None, None) => Knowledge::Nothing,
-            (None, Some(_)) => return Err(input(format!("expected the note {MODEL_NOTE:?} too, got none"))),
+            (None, Some(_)) => return Err(input(format!("expected the file {MODEL_FILE:?} too, got none"))),
         };
         Ok(Setup { seed, u_max_v: written.u_max_v, limits, knowledge })
     }
@@ -129,6 +137,11 @@ impl Setup {
 mod tests {
     use super::*;
     use model::Parameters;
+    use recordings::{Plane, Protocol, Role};
+
+    fn unknown() -> RunMetadata {
+        RunMetadata::new("a", Protocol::SquareWave, Role::Validate, Plane::Horizontal)
+    }
 
     #[test]
     fn what_a_recording_notes_is_read_back_bit_for_bit() {
@@ -141,13 +154,18 @@ mod tests {
         let loops = LoopSettings { angle_bandwidth_hz: 1.0 / 3.0, ..LoopSettings::default() };
         for knowledge in [Knowledge::Nothing, Knowledge::Pump(model.clone()), Knowledge::Model(model, loops)] {
             let setup = Setup::of(u64::MAX, 24.0 / 7.0, &limits, &knowledge);
-            assert_eq!(Setup::from_notes(&setup.notes(), "a.mcap"), Ok(setup));
+            let (notes, files) = (setup.notes(), setup.files());
+            let run = RunMetadata { notes: notes.clone(), files: files.clone(), ..unknown() };
+            assert_eq!(Setup::of_recorded(&run, "a.mcap").as_ref(), Ok(&setup));
+            let note = files.get(MODEL_FILE).map(|model| (MODEL_NOTE.to_owned(), model.clone()));
+            let first = RunMetadata { notes: notes.into_iter().chain(note).collect(), ..unknown() };
+            assert_eq!(Setup::of_recorded(&first, "a.mcap"), Ok(setup), "as the first recordings held it");
         }
     }
 
     #[test]
     fn a_recording_without_setup_says_so() {
-        let failure = Setup::from_notes(&BTreeMap::new(), "a.mcap").expect_err("nothing is noted");
+        let failure = Setup::of_recorded(&unknown(), "a.mcap").expect_err("nothing is noted");
         assert_eq!(failure.exit_code(), 2);
         assert!(failure.message.contains("a.mcap"), "{failure}");
     }

@@ -56,6 +56,7 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     let notes = [("device".to_owned(), rig.name.clone()), ("instance".to_owned(), args.instance.clone())].into();
     let (switches, _driving) = interrupt::driving()?;
     let mut runner = Runner::open(&args.instance, rig.limits, mode.clone(), args.on_full, progress)?;
+    runner.describe(rig.record()?);
     let mut devices = Devices::open(&rig.device, rig.limits.safe_state, &mode, runner.journals())?;
     let mut device = devices.prepare(&script, args.seed, 0, rig.limits.safe_state, runner.journals())?;
     let plan = Plan {

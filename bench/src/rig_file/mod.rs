@@ -5,6 +5,7 @@
 mod document;
 mod limits;
 mod problems;
+mod record;
 mod schema;
 mod signals;
 #[cfg(test)]
@@ -14,6 +15,7 @@ mod units;
 mod wires;
 
 pub(crate) use limits::{RawLimits, RawSafeState};
+pub use record::{DBC_FILE, RIG_FILE, RigRecord};
 pub use understood::{Mapped, Part, Understood, Wire};
 
 use crate::controller::Settings as LoopSettings;
@@ -42,6 +44,8 @@ pub const MOST_SHARE: f64 = 0.8;
 /// A rig, read and checked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rig {
+    /// Text of the file, as it was read.
+    pub text: String,
     /// Free text.
     pub name: String,
     /// For campaigns, and for voltages as a fraction of u_max.
@@ -154,6 +158,7 @@ impl Rig {
             }
         });
         problems.judge(file)?;
+        let rig = rig.map(|rig| Rig { text: text.to_owned(), ..rig });
         rig.ok_or_else(|| Failure::new(Kind::Internal, format!("{file}: refused without a reason")))
     }
 }
@@ -207,7 +212,8 @@ impl Builder<'_> {
             }
             _ => DeviceSpec::Emulated(Box::new(plant)),
         };
-        Rig { name: raw.name.unwrap_or_else(|| "rig".to_owned()), facts, limits, device, knowledge, most_share }
+        let (text, name) = (String::new(), raw.name.unwrap_or_else(|| "rig".to_owned()));
+        Rig { text, name, facts, limits, device, knowledge, most_share }
     }
 
     fn problem(&mut self, path: &str, what: impl AsRef<str>) {

@@ -14,6 +14,7 @@ const MOST_LISTED: usize = 24;
 pub struct Database {
     /// For messages.
     file: String,
+    text: String,
     messages: Vec<Message>,
     /// Ascending [`key`]s of the identifiers, with the place in `messages`.
     ids: Vec<(u32, usize)>,
@@ -96,7 +97,12 @@ impl Database {
         })?;
         let mut ids: Vec<(u32, usize)> = messages.iter().enumerate().map(|(i, m)| (key(m.id), i)).collect();
         ids.sort_unstable();
-        Ok(Database { file: file.to_owned(), messages, ids })
+        Ok(Database { file: file.to_owned(), text: text.to_owned(), messages, ids })
+    }
+
+    /// The text that it was read from.
+    pub fn text(&self) -> &str {
+        &self.text
     }
 
     /// Its messages in the order of the file, without `VECTOR__INDEPENDENT_SIG_MSG`.
