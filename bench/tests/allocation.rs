@@ -153,7 +153,7 @@ impl<'a> Flight<'a> {
         let controller =
             PumpController::with_model(&self.truth.parameters, Settings { vertical, ..Settings::default() });
         let controller = Careless { inner: controller.expect("a controller"), at: self.careless_at };
-        let context = Context { u_max_v: pump.u_max, seed: 1 };
+        let context = Context { u_max_v: pump.u_max, seed: 1, hands: profiles::Hands::Rig };
         let rig = rig_for(&self.truth, self.script, 1, number as usize).expect("a rig");
         let limits = Limits { pressure_min_bar: 0.3, pressure_max_bar: 9.0, ..Limits::default() };
         // Its incidents are never taken: it has to do without its spares.

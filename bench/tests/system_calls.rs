@@ -98,7 +98,7 @@ fn drive(instance: &str, writes: bool, ready: &mpsc::Sender<()>) -> ! {
     let truth = ModelFile::plain(Parameters::example());
     let (file, text) = BUILTIN.iter().find(|(file, _)| *file == "square_h.toml").expect("a built-in script");
     let script = Script::parse(text, file).expect("parses");
-    let context = Context { u_max_v: truth.parameters.pump.u_max, seed: 1 };
+    let context = Context { u_max_v: truth.parameters.pump.u_max, seed: 1, hands: profiles::Hands::Rig };
     let mut reference = Cut(script.compile(&context).expect("compiles"));
     let mut rig = rig_for(&truth, &script, 1, 0).expect("a rig");
     let mut controller = Talkative { inner: PumpController::with_pump(truth.parameters.pump), writes };

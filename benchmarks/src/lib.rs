@@ -122,7 +122,11 @@ impl Bench {
     /// # Errors
     /// The profile asks for more than the rig can.
     pub fn playback(&self) -> Result<Playback, Box<dyn Error>> {
-        Ok(self.script.compile(&Context { u_max_v: self.parameters.pump.u_max, seed: 1 })?)
+        Ok(self.script.compile(&Context {
+            u_max_v: self.parameters.pump.u_max,
+            seed: 1,
+            hands: profiles::Hands::Rig,
+        })?)
     }
 
     /// Drives run `number` in virtual time; returns its ticks.

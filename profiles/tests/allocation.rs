@@ -92,7 +92,7 @@ timeout_s = 0.1
 #[test]
 fn no_tick_of_a_wave_allocates_nor_do_ticks_left_out() {
     let script = Script::parse(WAVES, "waves.toml").expect("parses");
-    let playback = script.compile(&Context { u_max_v: 24.0, seed: 1 }).expect("compiles");
+    let playback = script.compile(&Context { u_max_v: 24.0, seed: 1, hands: profiles::Hands::Rig }).expect("compiles");
     for (gap, least) in [(1, 10_000), (7, 10_000), (250, 5_000)] {
         let mut playback = playback.clone();
         let (ticks, allocations) = play(&mut playback, |tick| gap + tick % 2);
@@ -105,7 +105,8 @@ fn no_tick_of_a_wave_allocates_nor_do_ticks_left_out() {
 fn no_tick_of_a_built_in_script_allocates() {
     let examples = EXAMPLES.iter().map(|(file, text)| Script::parse(text, file).expect("examples parse"));
     for script in builtin().expect("built-in scripts parse").into_iter().chain(examples) {
-        let mut playback = script.compile(&Context { u_max_v: 24.0, seed: 1 }).expect("compiles");
+        let mut playback =
+            script.compile(&Context { u_max_v: 24.0, seed: 1, hands: profiles::Hands::Rig }).expect("compiles");
         let (ticks, allocations) = play(&mut playback, |_| 1);
         assert_eq!(allocations, 0, "{} in {ticks} ticks", script.name);
         assert!(ticks > 1000, "{}", script.name);

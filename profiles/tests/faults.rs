@@ -91,7 +91,7 @@ fn faults_stay_in_the_text_and_change_nothing_that_is_driven() {
     let again = Script::parse(&script.text, "recording").expect("its own text");
     assert_eq!((again.faults.len(), &again.faults), (1, &script.faults));
 
-    let context = profiles::Context { u_max_v: 20.0, seed: 3 };
+    let context = profiles::Context { u_max_v: 20.0, seed: 3, hands: profiles::Hands::Rig };
     let mut with = again.compile(&context).expect("compiles");
     let without = Script::parse(&script.text.replace(fault, ""), "t.toml").expect("parses");
     assert_eq!(without.faults, []);

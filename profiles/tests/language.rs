@@ -3,7 +3,7 @@
 use profiles::{Context, LoadError, Playback, Script, load_folder};
 use rt_core::{Fixture, Measurement, Reference, Step, Target, Tick};
 
-const CONTEXT: Context = Context { u_max_v: 20.0, seed: 3 };
+const CONTEXT: Context = Context { u_max_v: 20.0, seed: 3, hands: profiles::Hands::Rig };
 
 const HEAD: &str = r#"name = "t"
 protocol = "square-wave"
@@ -151,7 +151,7 @@ fn a_voltage_beyond_the_rig_is_refused_with_its_line() {
     assert_eq!((error.file.as_str(), error.line), ("a/b.toml", 13));
     assert!(error.to_string().contains("-20.5") && error.to_string().contains("20 V"), "{error}");
     for u_max_v in [0.0, -24.0, f64::NAN, f64::INFINITY] {
-        assert!(script.compile(&Context { u_max_v, seed: 0 }).is_err(), "{u_max_v}");
+        assert!(script.compile(&Context { u_max_v, seed: 0, hands: profiles::Hands::Rig }).is_err(), "{u_max_v}");
     }
 }
 

@@ -18,7 +18,8 @@ fn examples() -> Vec<Script> {
 }
 
 fn run_on(script: &Script, rig: common::Parameters, seed: u64) -> Vec<Row> {
-    let mut playback = script.compile(&Context { u_max_v: U_MAX_V, seed }).expect("compiles");
+    let mut playback =
+        script.compile(&Context { u_max_v: U_MAX_V, seed, hands: profiles::Hands::Rig }).expect("compiles");
     let fill_bar = script.fill_bar.unwrap_or(2.8);
     let mut rig = FakeRig::new(rig, script.plane == Plane::Vertical, script.start().fixture, fill_bar);
     let limit = (script.duration_bound_s() * 1e9 / PERIOD_NS as f64).ceil() as u64 + 1;
@@ -240,7 +241,9 @@ fn square_waves_turn_at_the_angle_or_after_the_time() {
         }
     }
     // A rig that never gets there: the lever is stuck, the time turns it.
-    let mut playback = script("square_h").compile(&Context { u_max_v: U_MAX_V, seed: 0 }).expect("compiles");
+    let mut playback = script("square_h")
+        .compile(&Context { u_max_v: U_MAX_V, seed: 0, hands: profiles::Hands::Rig })
+        .expect("compiles");
     let stuck = rt_core::Measurement { angle_deg: 3.0, ..rt_core::Measurement::NONE };
     let mut ticks = 0u64;
     while !rt_core::Reference::step(&mut playback, rt_core::Tick::at(ticks), &stuck).last {

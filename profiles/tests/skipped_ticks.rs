@@ -26,7 +26,7 @@ const MEASURED: Measurement =
 
 fn compile(steps: &str) -> Playback {
     let script = Script::parse(&format!("{HEAD}{steps}"), "t.toml").expect("parses");
-    script.compile(&Context { u_max_v: 20.0, seed: 3 }).expect("compiles")
+    script.compile(&Context { u_max_v: 20.0, seed: 3, hands: profiles::Hands::Rig }).expect("compiles")
 }
 
 /// Every wave, within what every quantity allows.

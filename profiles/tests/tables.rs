@@ -43,7 +43,8 @@ impl Drop for Folder {
 }
 
 fn targets(script: &Script) -> Vec<Target> {
-    let mut playback = script.compile(&Context { u_max_v: 20.0, seed: 0 }).expect("compiles");
+    let mut playback =
+        script.compile(&Context { u_max_v: 20.0, seed: 0, hands: profiles::Hands::Rig }).expect("compiles");
     (0..100).map(|k| playback.step(Tick::at(k), &Measurement::NONE).target).collect()
 }
 
@@ -112,6 +113,8 @@ fn a_voltage_beyond_the_rig_is_found_in_the_table() {
     folder.write("t.toml", &SCRIPT.replacen("angle_deg", "voltage_v", 1));
     folder.write("waves/a.csv", "time_s,value\n0,1\n0.5,-21\n");
     let script = folder.read().expect("no rig yet");
-    let error = script.compile(&Context { u_max_v: 20.0, seed: 0 }).expect_err("21 V on a rig of 20 V");
+    let error = script
+        .compile(&Context { u_max_v: 20.0, seed: 0, hands: profiles::Hands::Rig })
+        .expect_err("21 V on a rig of 20 V");
     assert!(error.line == 9 && error.what.contains("-21 V (line 3 of its file)"), "{error}");
 }

@@ -4,7 +4,7 @@ use profiles::{Context, Playback, Script};
 use rt_core::{ControlledPressure, Measurement, OverrunPolicy, Reference, Target, Tick};
 use std::f64::consts::TAU;
 
-const CONTEXT: Context = Context { u_max_v: 20.0, seed: 3 };
+const CONTEXT: Context = Context { u_max_v: 20.0, seed: 3, hands: profiles::Hands::Rig };
 
 const HEAD: &str = r#"name = "t"
 protocol = "square-wave"

@@ -62,7 +62,7 @@ impl RealLoop {
         let parameters = Parameters::example();
         let seconds = (ticks * PERIOD_NS) as f64 * 1e-9;
         let script = Script::parse(&square_wave(seconds), "latency.toml").map_err(|e| defect(&e))?;
-        let context = Context { u_max_v: parameters.pump.u_max, seed: 0 };
+        let context = Context { u_max_v: parameters.pump.u_max, seed: 0, hands: profiles::Hands::Rig };
         let profile = script.compile(&context).map_err(|e| defect(&e))?;
         let settings = RigSettings {
             start: script.start(),
