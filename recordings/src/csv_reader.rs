@@ -3,13 +3,13 @@
 
 use std::fs::File;
 use std::io::{self, BufReader, Read};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use csv::{ByteRecord, ReaderBuilder};
 use flate2::read::MultiGzDecoder;
 
 use crate::error::{Place, quoted};
-use crate::recording::COLUMNS;
+use crate::recording::{COLUMNS, FileKind, Whole};
 use crate::{CampaignError, Protocol, Recording};
 
 const REMEDY_MEASURED: &str = "write a number, or leave the field empty where nothing was measured";
@@ -35,36 +35,118 @@ struct Layout {
     header: ByteRecord,
 }
 
+/// Rows of a block at most.
+const BLOCK_ROWS: usize = 4096;
+
 /// Reads and checks a CSV file of the contract.
 pub(crate) fn read(path: &Path, gzip: bool, protocol: Protocol) -> Result<Recording, CampaignError> {
-    let mut reader = ReaderBuilder::new()
-        .flexible(true) // a row of another length is reported here, with its line
-        .buffer_capacity(1 << 16)
-        .from_reader(open(path, gzip)?);
-
-    let place = |byte: u64| Place::file(path).line(line_at(path, gzip, byte));
-    let fail = |byte: u64, fault: Box<Fault>| {
-        let mut at = place(byte);
-        at.column = fault.column;
-        CampaignError::content(at, fault.expected, fault.got, fault.remedy)
-    };
-
-    let header = reader.byte_headers().map_err(|error| unreadable(path, gzip, error, 0))?.clone();
-    let layout = Layout::new(header).map_err(|fault| fail(0, fault))?;
+    let mut rows = CsvRows::open_as(path, gzip, protocol)?;
     let mut recording = Recording::default();
-    let mut record = ByteRecord::new();
-    loop {
-        let more = reader.read_byte_record(&mut record);
-        if !more.map_err(|error| unreadable(path, gzip, error, recording.len()))? {
-            break;
-        }
-        if let Err(fault) = layout.push_row(&record, &mut recording) {
-            let byte = record.position().map_or(0, |position| position.byte());
-            return Err(fail(byte, fault));
+    while rows.append(&mut recording, usize::MAX)? {}
+    Ok(recording)
+}
+
+/// Reads a CSV run (`.csv`, `.csv.gz`) block by block, some thousand rows at a time: what [`Recording::read`] gives, in a stream.
+///
+/// What comes before an error is sound, but whoever reads columns refuses the whole file: the last item tells whether it is whole.
+pub struct CsvRows {
+    path: PathBuf,
+    gzip: bool,
+    protocol: Protocol,
+    reader: csv::Reader<Box<dyn Read>>,
+    layout: Layout,
+    record: ByteRecord,
+    last_time_s: Option<f64>,
+    whole: Whole,
+    done: bool,
+}
+
+impl CsvRows {
+    /// Opens a run and reads its header line. `protocol` decides which columns must hold a value.
+    ///
+    /// # Errors
+    /// Another extension, a header without the contract's columns, the system's refusal.
+    pub fn open(path: &Path, protocol: Protocol) -> Result<CsvRows, CampaignError> {
+        match FileKind::of(path)? {
+            FileKind::Csv { gzip } => CsvRows::open_as(path, gzip, protocol),
+            FileKind::Mcap => Err(CampaignError::content(
+                Place::file(path),
+                "a file name that ends in .csv or .csv.gz",
+                "one that ends in .mcap",
+                "only CSV is read here",
+            )),
         }
     }
-    recording.check_whole(protocol, Place::file(path).line(2))?;
-    Ok(recording)
+
+    fn open_as(path: &Path, gzip: bool, protocol: Protocol) -> Result<CsvRows, CampaignError> {
+        let mut reader = ReaderBuilder::new()
+            .flexible(true) // a row of another length is reported here, with its line
+            .buffer_capacity(1 << 16)
+            .from_reader(open(path, gzip)?);
+        let header = reader.byte_headers().map_err(|error| unreadable(path, gzip, error, 0))?.clone();
+        let layout = Layout::new(header).map_err(|fault| located(path, gzip, 0, *fault))?;
+        Ok(CsvRows {
+            path: path.to_owned(),
+            gzip,
+            protocol,
+            reader,
+            layout,
+            record: ByteRecord::new(),
+            last_time_s: None,
+            whole: Whole::default(),
+            done: false,
+        })
+    }
+
+    /// Appends up to `most` rows; false: the file is at its end, and holds what a run of its protocol must hold.
+    fn append(&mut self, to: &mut Recording, most: usize) -> Result<bool, CampaignError> {
+        let first = to.len();
+        for _ in 0..most {
+            let more = self.reader.read_byte_record(&mut self.record);
+            let rows = self.whole.rows + (to.len() - first);
+            if !more.map_err(|error| unreadable(&self.path, self.gzip, error, rows))? {
+                self.whole.count(to, first);
+                self.whole.check(self.protocol, Place::file(&self.path).line(2))?;
+                return Ok(false);
+            }
+            if let Err(fault) = self.layout.push_row(&self.record, self.last_time_s, to) {
+                let byte = self.record.position().map_or(0, |position| position.byte());
+                return Err(located(&self.path, self.gzip, byte, *fault));
+            }
+            self.last_time_s = to.time_s.last().copied();
+        }
+        self.whole.count(to, first);
+        Ok(true)
+    }
+}
+
+impl Iterator for CsvRows {
+    /// The next rows, at least one.
+    type Item = Result<Recording, CampaignError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.done {
+            return None;
+        }
+        let mut block = Recording::default();
+        match self.append(&mut block, BLOCK_ROWS) {
+            Ok(more) => {
+                self.done = !more;
+                (!block.is_empty()).then_some(Ok(block))
+            }
+            Err(error) => {
+                self.done = true;
+                Some(Err(error))
+            }
+        }
+    }
+}
+
+/// A fault with the place of the first record at or after this byte of the unpacked file.
+fn located(path: &Path, gzip: bool, byte: u64, fault: Fault) -> CampaignError {
+    let mut at = Place::file(path).line(line_at(path, gzip, byte));
+    at.column = fault.column;
+    CampaignError::content(at, fault.expected, fault.got, fault.remedy)
 }
 
 /// The file's bytes, unpacked.
@@ -148,7 +230,7 @@ impl Layout {
     }
 
     /// Appends a row, or leaves the recording with columns of unequal length and says what is wrong.
-    fn push_row(&self, record: &ByteRecord, into: &mut Recording) -> Result<(), Box<Fault>> {
+    fn push_row(&self, record: &ByteRecord, last_time_s: Option<f64>, into: &mut Recording) -> Result<(), Box<Fault>> {
         if record.len() != self.header.len() {
             return Err(Box::new(Fault {
                 column: None,
@@ -162,7 +244,7 @@ impl Layout {
         }
         let field = |column: usize| (column, &record[self.index[column]]);
         let time_s = number(field(0))?;
-        if let Some(&before) = into.time_s.last()
+        if let Some(before) = last_time_s
             && time_s <= before
         {
             let expected = format!("a time after the row before ({before} s)");

@@ -22,6 +22,7 @@ mod vocabulary;
 mod wire;
 
 pub use campaign::{CAMPAIGN_FILE, Campaign, RigFacts, RunEntry};
+pub use csv_reader::CsvRows;
 pub use csv_writer::{CsvWriter, push_integer, push_number};
 pub use error::{CampaignError, CutShort, Mismatch, Place, Spot};
 pub use mcap_reader::{Item, McapReader};

@@ -138,10 +138,36 @@ impl Recording {
         ]
     }
 
-    /// What a file of this protocol must hold as a whole: at least one row, and at least one value in each column that
-    /// carries what the protocol measures. `start` is the place of the first row.
+    /// What a file of this protocol must hold as a whole, see [`Whole`]. `start` is the place of the first row.
     pub(crate) fn check_whole(&self, protocol: Protocol, start: Place) -> Result<(), CampaignError> {
-        if self.is_empty() {
+        let mut whole = Whole::default();
+        whole.count(self, 0);
+        whole.check(protocol, start)
+    }
+}
+
+/// What a file of a protocol must hold as a whole: at least one row, and at least one value in each column that carries what the
+/// protocol measures. Counted as the rows come.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Whole {
+    /// Rows so far.
+    pub rows: usize,
+    /// Whether a value came, column by column as in [`Recording::measured`].
+    values: [bool; 5],
+}
+
+impl Whole {
+    /// The rows of `block` from `first` on.
+    pub fn count(&mut self, block: &Recording, first: usize) {
+        self.rows += block.len() - first;
+        for (seen, (_, values)) in self.values.iter_mut().zip(block.measured()) {
+            *seen = *seen || values[first..].iter().any(|value| !value.is_nan());
+        }
+    }
+
+    /// Whether that is enough. `start` is the place of the first row.
+    pub fn check(&self, protocol: Protocol, start: Place) -> Result<(), CampaignError> {
+        if self.rows == 0 {
             return Err(CampaignError::content(
                 start,
                 "at least one sample",
@@ -149,12 +175,12 @@ impl Recording {
                 "record the run again or take it out of campaign.toml",
             ));
         }
-        for (column, values) in self.measured() {
-            if carries(protocol, column) && values.iter().all(|value| value.is_nan()) {
+        for (seen, (column, _)) in self.values.into_iter().zip(Recording::default().measured()) {
+            if !seen && carries(protocol, column) {
                 return Err(CampaignError::content(
                     start.column(column),
                     format!("at least one value in a run of protocol {protocol}"),
-                    format!("no value in any of {} rows", self.len()),
+                    format!("no value in any of {} rows", self.rows),
                     "check the sensor and the protocol named in campaign.toml",
                 ));
             }
@@ -197,7 +223,8 @@ impl FileKind {
         }
     }
 
-    fn of(path: &Path) -> Result<Self, CampaignError> {
+    /// By the name of the file.
+    pub(crate) fn of(path: &Path) -> Result<Self, CampaignError> {
         let name = path.file_name().map(|name| name.to_string_lossy()).unwrap_or_default();
         Self::of_name(&name).ok_or_else(|| {
             let remedy = if name.ends_with(crate::part_file::PART) {
