@@ -93,7 +93,11 @@ pub struct Identified {
 impl Loaded {
     /// Reads every run of the campaign in `dir`.
     pub fn read(dir: &std::path::Path) -> Result<Loaded, IdentifyError> {
-        let campaign = Campaign::open(dir)?;
+        Loaded::of(Campaign::open(dir)?)
+    }
+
+    /// Reads every run that the campaign names, which may be fewer than its folder holds.
+    pub fn of(campaign: Campaign) -> Result<Loaded, IdentifyError> {
         let mut runs = Vec::new();
         for entry in &campaign.runs {
             let recording = campaign.read(entry)?;

@@ -56,6 +56,10 @@ pub struct Rig {
     pub device: DeviceSpec,
     /// What the controller knows.
     pub knowledge: Knowledge,
+    /// The file names the controller's model. Where it does not, an emulated rig's controller knows its plant, which a campaign must not.
+    pub names_model: bool,
+    /// Settings of the loops, for whatever model.
+    pub loops: LoopSettings,
     /// Largest share of each wire that its budget may take, above 0, at most 1.
     pub most_share: f64,
 }
@@ -196,6 +200,7 @@ impl Builder<'_> {
         if let Err(error) = limits.validate() {
             self.problem(&format!("limits.{}", error.field), format!("expected {}, got {}", error.expected, error.got));
         }
+        let (names_model, loops) = (raw.controller.model.is_some(), raw.controller.loops);
         let knowledge = self.knowledge(raw.controller, &plant, wired);
         let most_share = raw.budget.most_share.unwrap_or(MOST_SHARE);
 
@@ -213,7 +218,7 @@ impl Builder<'_> {
             _ => DeviceSpec::Emulated(Box::new(plant)),
         };
         let (text, name) = (String::new(), raw.name.unwrap_or_else(|| "rig".to_owned()));
-        Rig { text, name, facts, limits, device, knowledge, most_share }
+        Rig { text, name, facts, limits, device, knowledge, names_model, loops, most_share }
     }
 
     fn problem(&mut self, path: &str, what: impl AsRef<str>) {

@@ -85,7 +85,7 @@ impl Understood {
     /// # Errors
     /// A database that is no longer what it was when the rig was read (2).
     pub fn of(rig: &Rig) -> Result<Understood, Failure> {
-        let Rig { text: _, name, facts, limits, device, knowledge, most_share } = rig;
+        let Rig { name, facts, limits, device, knowledge, most_share, .. } = rig;
         let part = |name, is| Part { name, is };
         let mut parts = vec![part(
             "facts",
