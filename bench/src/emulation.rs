@@ -1,11 +1,14 @@
 //! The emulated rig of the demo: drawn from a seed with one effect that the reference model lacks, and run through all
 //! built-in scripts. What was drawn is a [`ModelFile`], so that truth and identified model are compared field by field.
 
+use crate::campaign::known::Known;
 use crate::campaign::{Session, Settings};
+use crate::controller::Settings as LoopSettings;
 use crate::devices::Devices;
 use crate::failure::{Failure, Kind};
 use crate::interrupt;
 use crate::progress::Progress;
+use crate::rig_file::RigRecord;
 use crate::runner::Mode;
 use crate::setup::Knowledge;
 use crate::simulation::added_effects;
@@ -123,10 +126,13 @@ pub fn record(dir: &Path, truth: &ModelFile, seed: u64, progress: &Progress) -> 
         notes: [("device".to_owned(), "emulated rig".to_owned())].into(),
         mode: Mode::Lockstep,
     };
+    let described = RigRecord::of_emulated(&settings.name, &settings.rig, &settings.limits);
     let mut session = Session::create(settings, progress)?;
+    session.describe(described);
     let (switches, _driving) = interrupt::driving()?;
     let mut devices = Devices::Emulated { plant: Box::new(truth.clone()) };
-    session.run_all(&builtin_scripts()?, &mut devices, Knowledge::Nothing, switches, progress)?;
+    let (scripts, known) = (builtin_scripts()?, Known::at_first(Knowledge::Nothing, LoopSettings::default()));
+    session.run_all(&scripts, &vec![false; scripts.len()], &mut devices, known, switches, progress)?;
     session.finish()
 }
 
@@ -139,15 +145,19 @@ pub fn builtin_scripts() -> Result<Vec<Script>, Failure> {
 /// The rig at the start of a run, prepared as the script asks; its noise is the run's own.
 pub fn rig_for(truth: &ModelFile, script: &Script, seed: u64, run: usize) -> Result<EmulatedRig, Failure> {
     let effects = added_effects(truth).map_err(|e| Failure::of(Kind::Internal, &e))?;
+    let settings = RigSettings { seed: seed_of_run(seed, run as u64), ..prepared(script) };
+    EmulatedRig::new(&truth.parameters, effects, settings).map_err(|e| Failure::of(Kind::Device, &e))
+}
+
+/// The emulated rig's settings as the script wants it prepared.
+pub(crate) fn prepared(script: &Script) -> RigSettings {
     let defaults = RigSettings::default();
-    let settings = RigSettings {
+    RigSettings {
         start: script.start(),
         fill_bar: script.fill_bar.unwrap_or(defaults.fill_bar),
         vertical: script.plane == Plane::Vertical,
-        seed: seed_of_run(seed, run as u64),
         ..defaults
-    };
-    EmulatedRig::new(&truth.parameters, effects, settings).map_err(|e| Failure::of(Kind::Device, &e))
+    }
 }
 
 /// Makes the rigs of a session over wires, each as [`rig_for`] makes it for the run of that number.
