@@ -15,9 +15,12 @@
 //! | [`loss`] | gap detection by the samples' numbers, without any transport |
 //! | [`system`] | priority, memory and time of the operating system |
 //! | [`confirmation`] | what people are asked for, and how their word reaches the loop |
+//! | [`announce`] | what a run is, told before its first sample |
+//! | [`presence`] | whether anybody publishes |
 //! | [`demand`] | stop and emergency stop from another process |
 //! | [`link`] | names, sizes and errors of the shared-memory services |
 
+pub mod announce;
 pub mod clock;
 pub mod confirmation;
 pub mod cycle;
@@ -28,6 +31,7 @@ mod flow;
 pub mod link;
 pub mod loss;
 pub mod overrun;
+pub mod presence;
 pub mod publish;
 pub mod replay;
 mod rhythm;
