@@ -32,6 +32,8 @@ pub struct Supervisor {
     /// People have their hands on the rig.
     hands_on: bool,
     velocity: VelocityWindow,
+    /// What was judged at this tick.
+    velocity_deg_s: Option<f64>,
 }
 
 impl Supervisor {
@@ -47,6 +49,7 @@ impl Supervisor {
             missing: [0; 3],
             hands_on: false,
             velocity: VelocityWindow::default(),
+            velocity_deg_s: None,
         })
     }
 
@@ -151,6 +154,11 @@ impl Supervisor {
         safe
     }
 
+    /// Velocity of the free lever as it was judged at the last checked tick, deg/s; `None` where none was.
+    pub fn velocity_deg_s(&self) -> Option<f64> {
+        self.velocity_deg_s
+    }
+
     /// Whether the voltage of the last command was held back by the slew limit.
     pub fn slew_limited(&self) -> bool {
         self.slew_limited
@@ -221,6 +229,7 @@ impl Supervisor {
 
     /// Only a free lever has a velocity of its own; under every other fixture the operator moves it.
     fn check_velocity(&mut self, now: Tick, angle_deg: f64) {
+        self.velocity_deg_s = None;
         if self.hands_on || self.acting != Some(Fixture::Free) {
             self.velocity.clear();
             return;
@@ -229,7 +238,8 @@ impl Supervisor {
             return;
         }
         let window = self.limits.velocity_window_ticks as usize;
-        if let Some(velocity_deg_s) = self.velocity.push(now, angle_deg, window) {
+        self.velocity_deg_s = self.velocity.push(now, angle_deg, window);
+        if let Some(velocity_deg_s) = self.velocity_deg_s {
             let max = self.limits.velocity_max_deg_s;
             self.check_range(now, Channel::Velocity, velocity_deg_s, -max, max);
         }
