@@ -1,5 +1,6 @@
 //! Binds a script to a rig and a seed: voltages in volts, durations in ticks, random steps drawn.
 
+use crate::ask::{Hands, Part, Requests};
 use crate::controlled::Controlled;
 use crate::error::ScriptError;
 use crate::playback::{Aim, Instruction, Jump, Playback};
@@ -16,6 +17,7 @@ pub(crate) fn playback(script: &Script, context: &Context) -> Result<Playback, S
         return Err(ScriptError { file: script.file.clone(), line: 1, what });
     }
     let mut instructions = Vec::with_capacity(script.items.len());
+    let mut requests = Requests::new(script, context.hands);
     let mut first_of_item = Vec::with_capacity(script.items.len() + 1);
     for item in &script.items {
         first_of_item.push(instructions.len());
@@ -25,9 +27,13 @@ pub(crate) fn playback(script: &Script, context: &Context) -> Result<Playback, S
                     End::After { seconds } => (ticks(*seconds), Vec::new(), false),
                     End::Until { any, timeout_s } => (ticks(*timeout_s), any.clone(), false),
                     End::Arrival { any, bound_s } => (ticks_at_least(*bound_s), any.clone(), true),
-                    End::Confirmed { .. } => (1, Vec::new(), false),
+                    End::Confirmed { any, timeout_s } => match context.hands {
+                        Hands::Rig => (1, Vec::new(), false),
+                        Hands::People => (timeout_s.map_or(1, ticks), any.clone(), false),
+                    },
                 };
                 let aim = hold.change.drive.as_ref().map(|drive| aim(drive, script, context, item.line)).transpose()?;
+                let part = requests.of(hold, instructions.len(), item.line);
                 instructions.push(Instruction {
                     line: item.line,
                     with: item.with.clone(),
@@ -39,6 +45,7 @@ pub(crate) fn playback(script: &Script, context: &Context) -> Result<Playback, S
                     ticks,
                     any,
                     on_arrival,
+                    part,
                     new_segment: hold.new_segment,
                     guard_deg: None,
                     struck_at: None,
@@ -55,7 +62,7 @@ pub(crate) fn playback(script: &Script, context: &Context) -> Result<Playback, S
         instructions[first].jumps =
             skips.iter().map(|skip| Jump { when: skip.when.clone(), to: first_of_item[skip.to] }).collect();
     }
-    Ok(Playback::new(script.start, instructions))
+    Ok(Playback::new(script.start, instructions, requests.into_list()))
 }
 
 fn aim(drive: &Drive, script: &Script, context: &Context, line: usize) -> Result<Aim, ScriptError> {
@@ -149,6 +156,7 @@ fn random(
             ticks: length,
             any: Vec::new(),
             on_arrival: false,
+            part: Part::default(),
             new_segment: true,
             guard_deg: Some(steps.guard_deg),
             struck_at: None,

@@ -1,12 +1,13 @@
 //! Plays a compiled script: one step a tick, decided by the tick's number and the measurement alone.
 
+use crate::ask::{Before, During, Ends, Part, Request, When, needs_hands};
 use crate::condition::Condition;
 use crate::controlled::Controlled;
 use crate::script::{FixtureChange, State};
 use crate::signal::Signal;
 use crate::spread::SpreadWindow;
 use crate::values::ticks_at_least;
-use rt_core::{Fixture, Measurement, Reference, Step, Target, Tick};
+use rt_core::{Fixture, Measurement, Reference, Step, Target, Tick, Waiting};
 use std::fmt;
 use std::sync::Arc;
 
@@ -29,6 +30,8 @@ pub(crate) struct Instruction {
     pub any: Vec<Condition>,
     /// Ends when its ramp has arrived.
     pub on_arrival: bool,
+    /// What people do in it, where the rig does not.
+    pub part: Part,
     pub new_segment: bool,
     /// Beyond this angle no voltage drives outward: it changes sign.
     pub guard_deg: Option<f64>,
@@ -87,6 +90,9 @@ impl fmt::Display for Timeout {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Timeout { place, tick, ticks, waited, .. } = self;
         write!(f, "{place}: after {} s, at tick {tick}, still waited for ", Tick::at(*ticks).seconds())?;
+        if waited.is_empty() {
+            write!(f, "the operator's confirmation")?;
+        }
         for (number, Waited { what, left }) in waited.iter().enumerate() {
             let or = if number > 0 { ", or " } else { "" };
             match left {
@@ -151,6 +157,9 @@ impl Ramp {
 ///
 /// Ticks may be left out. A hold whose time has passed meanwhile ended when it was due and its changes are applied, in order;
 /// waves go by the tick's number. Conditions see the measurements of the ticks that are played, and their times.
+///
+/// Where people do the operator's part, it waits for them: before a hold, at 0 V, or within one that is theirs. The tick at which they
+/// confirm is the last of the wait.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Playback {
     instructions: Vec<Instruction>,
@@ -162,11 +171,26 @@ pub struct Playback {
     segment: Option<u32>,
     aim: InForce,
     ramp: Option<Ramp>,
+    requests: Vec<Request>,
+    /// The open request.
+    asking: Option<Waiting>,
+    /// When the last request of the current wait or hold was confirmed.
+    confirmed_at: Option<u64>,
+    /// The hold under way is people's.
+    theirs: Option<Ends>,
+    /// Of such a hold: its time is over, or a condition was met.
+    over: bool,
+    /// The wait before the hold began the hold's segment.
+    segment_begun: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Position {
     Before,
+    /// People are asked for something before this instruction begins.
+    Asking {
+        index: usize,
+    },
     At {
         index: usize,
         since: u64,
@@ -183,17 +207,36 @@ enum Position {
 }
 
 impl Playback {
-    pub(crate) fn new(start: State, instructions: Vec<Instruction>) -> Self {
+    pub(crate) fn new(start: State, instructions: Vec<Instruction>, requests: Vec<Request>) -> Self {
         let aim = InForce { setter: None, since: 0, begin: 0.0, turned: false };
         let most = instructions.iter().map(|instruction| instruction.any.len()).max().unwrap_or(0);
         let ticks = |place: usize| {
             instructions.iter().filter_map(|i| i.any.get(place).map(Condition::window_ticks)).max().unwrap_or(0)
         };
         let windows = (0..most).map(|place| SpreadWindow::for_ticks(ticks(place))).collect();
-        Playback { instructions, windows, state: start, position: Position::Before, segment: None, aim, ramp: None }
+        Playback {
+            instructions,
+            windows,
+            state: start,
+            position: Position::Before,
+            segment: None,
+            aim,
+            ramp: None,
+            requests,
+            asking: None,
+            confirmed_at: None,
+            theirs: None,
+            over: false,
+            segment_begun: false,
+        }
     }
 
-    /// Ticks that the run lasts at most.
+    /// What people are asked for, by the number that the loop's [`Waiting`] carries. Empty where the rig does it itself.
+    pub fn requests(&self) -> &[Request] {
+        &self.requests
+    }
+
+    /// Ticks that the run lasts at most, without those in which it waits for people.
     pub fn ticks_bound(&self) -> u64 {
         self.instructions.iter().map(|instruction| instruction.ticks).sum()
     }
@@ -225,12 +268,27 @@ impl Playback {
             let (next, begins) = match self.position {
                 Position::Finished { .. } => return,
                 Position::Before => (0, 0),
+                Position::Asking { index } => match self.confirmed_at {
+                    Some(at) if now.index > at => {
+                        self.enter(index, at + 1, measured);
+                        if at + 1 >= now.index {
+                            return;
+                        }
+                        continue;
+                    }
+                    _ => return,
+                },
                 Position::At { index, since, ticks, .. } => {
                     // Every condition sees every tick: no short cut, their filters would miss it.
                     let instruction = &mut self.instructions[index];
                     let conditions = instruction.any.iter_mut().zip(&mut self.windows);
                     let met = conditions.fold(false, |met, (c, window)| c.met(now, measured, window) | met);
-                    if now.index >= since + ticks {
+                    if let Some(ends) = self.theirs {
+                        match self.their_end(ends, now, since + ticks, met) {
+                            Some(begins) => (index + 1, begins),
+                            None => return,
+                        }
+                    } else if now.index >= since + ticks {
                         if !(met || instruction.any.is_empty() || instruction.on_arrival) {
                             instruction.struck_at = Some(since + ticks);
                         }
@@ -244,9 +302,14 @@ impl Playback {
             };
             self.leave(begins);
             match self.follow(next, now, measured) {
+                Some(index) if self.asks_before(index) => {
+                    self.ask(index);
+                    return;
+                }
                 Some(index) => self.enter(index, begins, measured),
                 None => {
                     let index = if let Position::At { index, .. } = self.position { index } else { 0 };
+                    self.asking = None;
                     self.position = Position::Finished { index, at: begins.saturating_sub(1) };
                 }
             }
@@ -281,6 +344,48 @@ impl Playback {
         None
     }
 
+    /// The tick after a hold of people's, if it is over.
+    fn their_end(&mut self, ends: Ends, now: Tick, due: u64, met: bool) -> Option<u64> {
+        let time_over = now.index >= due;
+        self.over |= met || time_over;
+        let confirmed = self.confirmed_at.filter(|&at| now.index > at).map(|at| at + 1);
+        match ends {
+            Ends::ConfirmedAndOver => confirmed.filter(|_| self.over).map(|_| now.index),
+            Ends::AskedUntilOver if time_over && !met && confirmed.is_none() => {
+                if let Position::At { index, .. } = self.position {
+                    self.instructions[index].struck_at = Some(due);
+                }
+                Some(due)
+            }
+            Ends::Confirmed | Ends::Asked | Ends::AskedUntilOver => confirmed.or(met.then_some(now.index)),
+        }
+    }
+
+    /// Whether people must do something before this instruction can begin.
+    fn asks_before(&self, index: usize) -> bool {
+        let instruction = &self.instructions[index];
+        match (instruction.part.before, &instruction.fixture) {
+            (Some(Before { when: When::Changed, .. }), Some(change)) => needs_hands(&self.state.fixture, change),
+            (Some(Before { when: When::Filled, .. }), _) => matches!(self.state.fixture, Fixture::Filled { .. }),
+            _ => false,
+        }
+    }
+
+    /// Begins to wait before an instruction: the valves as it wants them, and what held the lever goes on holding it.
+    fn ask(&mut self, index: usize) {
+        let instruction = &self.instructions[index];
+        let state = &mut self.state;
+        state.brake_open = instruction.brake_open.unwrap_or(state.brake_open);
+        state.bypass_open = instruction.bypass_open.unwrap_or(state.bypass_open);
+        state.fixture = state.fixture.at_rest();
+        self.segment_begun = instruction.part.before.is_some_and(|before| before.when == When::Filled);
+        self.segment = Some(self.segment.map_or(0, |segment| segment + u32::from(instruction.new_segment)));
+        self.asking = instruction.part.before.map(|before| before.waiting);
+        self.confirmed_at = None;
+        self.theirs = None;
+        self.position = Position::Asking { index };
+    }
+
     fn enter(&mut self, index: usize, begins: u64, measured: &Measurement) {
         self.windows.iter_mut().for_each(SpreadWindow::clear);
         let in_force = self.target(begins);
@@ -295,6 +400,9 @@ impl Playback {
             };
             self.aim = InForce { setter: Some(index), since: begins, begin, turned: false };
         }
+        let theirs = instruction.part.during.filter(|during| {
+            !during.ends.at_rest() || instruction.fixture.is_some_and(|to| needs_hands(&self.state.fixture, &to))
+        });
         let state = &mut self.state;
         state.brake_open = instruction.brake_open.unwrap_or(state.brake_open);
         state.bypass_open = instruction.bypass_open.unwrap_or(state.bypass_open);
@@ -312,10 +420,15 @@ impl Playback {
             }
             None => {}
         }
+        let begins_segment = instruction.new_segment && !std::mem::take(&mut self.segment_begun);
         self.segment = Some(match self.segment {
             None => 0,
-            Some(segment) => segment + u32::from(instruction.new_segment),
+            Some(segment) => segment + u32::from(begins_segment),
         });
+        self.theirs = theirs.map(|During { ends, .. }| ends);
+        self.asking = theirs.map(|During { waiting, .. }| waiting);
+        self.confirmed_at = None;
+        self.over = false;
         self.position = Position::At { index, since: begins, ticks, played: false };
     }
 
@@ -351,10 +464,17 @@ impl Reference for Playback {
         self.state.fixture
     }
 
+    fn confirmed(&mut self, now: Tick) {
+        if self.asking.take().is_some() {
+            self.confirmed_at = Some(now.index);
+        }
+    }
+
     fn step(&mut self, now: Tick, measured: &Measurement) -> Step {
         self.advance(now, measured);
         let (index, tick, last) = match self.position {
             Position::Before => (0, now.index, false),
+            Position::Asking { index } => (index, now.index, false),
             Position::At { index, since, ticks, played } => {
                 if let Some(guard_deg) = self.instructions[index].guard_deg {
                     self.guard(guard_deg, now, played, measured);
@@ -364,14 +484,16 @@ impl Reference for Playback {
                 }
                 self.position = Position::At { index, since, ticks, played: true };
                 let ends = index + 1 == self.instructions.len() && self.instructions[index].any.is_empty();
+                let ends = ends && self.theirs.is_none();
                 (index, now.index, ends && now.index + 1 >= since + ticks)
             }
             Position::Finished { index, at } => (index, at, true),
         };
-        let target = self.target(tick);
+        let at_rest = matches!(self.position, Position::Asking { .. }) || self.theirs.is_some_and(Ends::at_rest);
+        let target = if at_rest { Target::VoltageV(0.0) } else { self.target(tick) };
         let State { brake_open, bypass_open, fixture } = self.state;
         let segment = self.segment.unwrap_or(0);
-        Step { target, brake_open, bypass_open, fixture, segment, index: index as u32, last, waiting: None }
+        Step { target, brake_open, bypass_open, fixture, segment, index: index as u32, last, waiting: self.asking }
     }
 }
 
