@@ -16,6 +16,7 @@ mod recording;
 mod recovery;
 mod rows;
 mod run_metadata;
+mod run_record;
 mod succession;
 mod survey;
 mod vocabulary;
