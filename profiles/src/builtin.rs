@@ -27,6 +27,10 @@ pub const EXAMPLES: &[(&str, &str)] = &[
     ("multisine.toml", include_str!("../multisine.toml")),
 ];
 
+/// JSON schema of the language (draft 7), for editors. What depends on more than one place of a script is beyond it: [`Script::parse`] has
+/// the last word.
+pub const SCHEMA: &str = include_str!("../profile.schema.json");
+
 /// The built-in scripts, parsed, in the order of [`BUILTIN`].
 ///
 /// # Errors

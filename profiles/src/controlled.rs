@@ -23,6 +23,17 @@ pub(crate) enum Controlled {
 }
 
 impl Controlled {
+    #[cfg(test)]
+    pub const ALL: [Controlled; 7] = [
+        Controlled::VoltageV,
+        Controlled::VoltageUMax,
+        Controlled::FlowMlS,
+        Controlled::Pressure1Bar,
+        Controlled::Pressure2Bar,
+        Controlled::PressureDifferenceBar,
+        Controlled::AngleDeg,
+    ];
+
     pub fn as_str(self) -> &'static str {
         match self {
             Controlled::VoltageV => "voltage_v",

@@ -1,9 +1,13 @@
 //! The language's document names every word of it, and its examples are scripts.
 
+use crate::ask::Hands;
 use crate::condition::Channel;
 use crate::controlled::Controlled;
 use crate::fault::{FaultName, InputName, OutputName, RawFault, ValveName};
-use crate::raw::{FixtureName, RawCondition, RawRandom, RawScript, RawStart, RawStep, RawTarget, Valve, WaveName};
+use crate::raw::{
+    AmountName, FixtureName, RawCondition, RawEnvelope, RawRandom, RawRange, RawScript, RawStart, RawStep, RawTarget,
+    Valve, WaveName,
+};
 use crate::script::{Context, Plane, Protocol, Role, Script};
 use crate::signal::Sweep;
 use crate::table::Interpolation;
@@ -49,7 +53,7 @@ impl<'de> Deserializer<'de> for Names<'_> {
     }
 }
 
-fn names<'de, T: Deserialize<'de>>() -> Vec<&'static str> {
+pub(crate) fn names<'de, T: Deserialize<'de>>() -> Vec<&'static str> {
     let mut names = Vec::new();
     assert!(T::deserialize(Names(&mut names)).is_err());
     assert!(!names.is_empty());
@@ -61,6 +65,8 @@ fn every_key_and_word_is_documented() {
     let keys = [
         names::<RawScript>(),
         names::<RawStart>(),
+        names::<RawEnvelope>(),
+        names::<RawRange>(),
         names::<RawStep>(),
         names::<RawTarget>(),
         names::<RawRandom>(),
@@ -79,6 +85,7 @@ fn every_key_and_word_is_documented() {
         names::<Plane>(),
         names::<Valve>(),
         names::<FixtureName>(),
+        names::<AmountName>(),
         names::<Channel>(),
         names::<Controlled>(),
         names::<WaveName>(),
@@ -100,18 +107,7 @@ fn every_key_and_word_is_documented() {
 fn every_wave_is_documented_with_its_keys_and_an_example() {
     for name in names::<WaveName>() {
         let row = DOCUMENT.lines().find(|line| line.starts_with(&format!("| `{name}` | `"))).unwrap_or_default();
-        let wave = [
-            WaveName::Step,
-            WaveName::Ramp,
-            WaveName::Sine,
-            WaveName::Chirp,
-            WaveName::Multisine,
-            WaveName::RandomSteps,
-            WaveName::File,
-        ]
-        .into_iter()
-        .find(|wave| wave.as_str() == name)
-        .expect("listed above");
+        let wave = WaveName::ALL.into_iter().find(|wave| wave.as_str() == name).expect("all of them");
         let (needed, allowed) = wave.keys();
         for key in needed.iter().chain(allowed) {
             assert!(row.contains(&format!("`{key}`")), "{name}: {key} is not in its row");
@@ -134,15 +130,25 @@ fn every_fault_is_documented_with_its_keys() {
     }
 }
 
-#[test]
-fn every_example_of_the_document_is_a_script() {
+/// The examples of the document, each made a whole script.
+pub(crate) fn scripts_of_the_document() -> Vec<String> {
     let head = "name = \"t\"\nprotocol = \"random-steps\"\nrole = \"identify\"\nplane = \"horizontal\"\n\
                 [start]\nfixture = \"free\"\nbrake = \"open\"\nbypass = \"closed\"\n";
-    let examples: Vec<&str> = DOCUMENT.split("```toml\n").skip(1).filter_map(|rest| rest.split("```").next()).collect();
+    let examples = DOCUMENT.split("```toml\n").skip(1).filter_map(|rest| rest.split("```").next());
+    examples
+        .map(|text| if text.contains("\nprotocol = ") { text.to_owned() } else { format!("{head}{text}") })
+        .collect()
+}
+
+#[test]
+fn every_example_of_the_document_is_a_script() {
+    let examples = scripts_of_the_document();
     assert!(examples.len() > 10);
     for example in examples {
-        let whole = if example.starts_with("name") { example.to_owned() } else { format!("{head}{example}") };
-        let script = Script::parse(&whole, "PROFILES.md").unwrap_or_else(|error| panic!("{error}\n{example}"));
-        script.compile(&Context { u_max_v: 24.0, seed: 1, hands: crate::ask::Hands::Rig }).unwrap_or_else(|error| panic!("{error}\n{example}"));
+        let script = Script::parse(&example, "PROFILES.md").unwrap_or_else(|error| panic!("{error}\n{example}"));
+        for hands in [Hands::Rig, Hands::People] {
+            let context = Context { u_max_v: 24.0, seed: 1, hands };
+            script.compile(&context).unwrap_or_else(|error| panic!("{error}\n{example}"));
+        }
     }
 }

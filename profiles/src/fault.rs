@@ -114,7 +114,7 @@ impl FaultName {
         }
     }
 
-    fn as_str(self) -> &'static str {
+    pub fn as_str(self) -> &'static str {
         match self {
             FaultName::Lost => "lost",
             FaultName::Late => "late",

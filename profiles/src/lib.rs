@@ -11,6 +11,8 @@ mod compile;
 mod condition;
 mod controlled;
 #[cfg(test)]
+mod described;
+#[cfg(test)]
 mod documented;
 mod envelope;
 mod error;
@@ -29,7 +31,7 @@ mod target;
 mod values;
 
 pub use ask::{Hands, Request};
-pub use builtin::{BUILTIN, EXAMPLES, LoadError, builtin, load_folder};
+pub use builtin::{BUILTIN, EXAMPLES, LoadError, SCHEMA, builtin, load_folder};
 pub use condition::Channel;
 pub use envelope::{Envelope, EnvelopeError};
 pub use error::ScriptError;

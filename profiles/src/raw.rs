@@ -244,6 +244,17 @@ pub(crate) enum WaveName {
 }
 
 impl WaveName {
+    #[cfg(test)]
+    pub const ALL: [WaveName; 7] = [
+        WaveName::Step,
+        WaveName::Ramp,
+        WaveName::Sine,
+        WaveName::Chirp,
+        WaveName::Multisine,
+        WaveName::RandomSteps,
+        WaveName::File,
+    ];
+
     pub fn as_str(self) -> &'static str {
         match self {
             WaveName::Step => "step",
