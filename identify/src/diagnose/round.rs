@@ -1,0 +1,98 @@
+//! The candidates of one round, tested against the current model.
+
+use model::effects::{Effect, LIBRARY};
+use model::integrate::SimulationError;
+
+use crate::fit::Fit;
+use crate::problem::Problem;
+use crate::score::{Direction, Gram, Scene};
+use crate::significance::p_of_largest;
+
+/// A round of candidates at the current model.
+pub(super) struct Round<'a> {
+    pub scene: Scene<'a>,
+    pub directions: Vec<Direction>,
+    pub gram: Gram,
+}
+
+impl<'a> Round<'a> {
+    pub fn new(
+        problem: &'a Problem,
+        fit: &'a Fit,
+        candidates: impl Iterator<Item = &'static dyn Effect>,
+    ) -> Result<Self, SimulationError> {
+        let scene = Scene::new(problem, fit)?;
+        let directions: Vec<Direction> = candidates.flat_map(|e| scene.directions(e)).collect();
+        let gram = Gram::new(&directions);
+        Ok(Round { scene, directions, gram })
+    }
+
+    /// Positions of an effect's directions that may be used, the best first.
+    pub fn of(&self, id: &str) -> Vec<usize> {
+        let mut out: Vec<usize> = (0..self.directions.len())
+            .filter(|&i| self.directions[i].effect.header().id == id && self.directions[i].gain() > 0.0)
+            .collect();
+        out.sort_by(|a, b| self.directions[*b].gain().total_cmp(&self.directions[*a].gain()));
+        out
+    }
+
+    /// p-value of the largest statistic among the directions of these effects.
+    pub fn p_value(&self, keep: impl Fn(&Direction) -> bool) -> f64 {
+        let chosen: Vec<&Direction> = self.directions.iter().filter(|d| keep(d)).collect();
+        let evidence: Vec<_> = chosen.iter().map(|d| self.scene.by_cluster(d)).collect();
+        let one_sided: Vec<bool> =
+            chosen.iter().map(|d| d.effect.header().parameters.iter().all(|p| !p.size || p.lower >= 0.0)).collect();
+        p_of_largest(&evidence, &one_sided, 20)
+    }
+
+    /// Sets of one effect, and the best of two where two together explain far more than either, the best first.
+    pub fn shortlist(&self, current: &[&'static str], most: usize) -> Vec<Vec<&'static dyn Effect>> {
+        let candidates: Vec<&'static dyn Effect> =
+            LIBRARY.iter().copied().filter(|e| !current.contains(&e.header().id)).collect();
+        let mut singles: Vec<(f64, usize)> = candidates
+            .iter()
+            .enumerate()
+            .map(|(n, e)| (self.gram.gain(&self.of(e.header().id)), n))
+            .filter(|(g, _)| *g > 0.0)
+            .collect();
+        singles.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let Some(&(top, _)) = singles.first() else { return Vec::new() };
+        let mut out: Vec<Vec<&'static dyn Effect>> = singles
+            .iter()
+            .take(most)
+            .enumerate()
+            .filter(|(i, (g, _))| *i < 3 || *g > 0.1 * top)
+            .map(|(_, (_, n))| vec![candidates[*n]])
+            .collect();
+        // a gross misfit in a few clusters misleads the gain: the two that most clusters agree on are tried as well
+        let mut agreed: Vec<(f64, usize)> = (0..candidates.len())
+            .map(|n| {
+                let own = self.of(candidates[n].header().id);
+                let most = own.iter().map(|&i| self.scene.by_cluster(&self.directions[i]).agreement());
+                (most.fold(0.0, f64::max), n)
+            })
+            .collect();
+        agreed.sort_by(|a, b| b.0.total_cmp(&a.0));
+        for (_, n) in agreed.into_iter().take(2) {
+            if !out.iter().any(|set| set[0].header().id == candidates[n].header().id) {
+                out.push(vec![candidates[n]]);
+            }
+        }
+        let mut pair: Option<(f64, usize, usize)> = None;
+        for i in 0..candidates.len() {
+            for j in 0..i {
+                let both = [self.of(candidates[i].header().id), self.of(candidates[j].header().id)].concat();
+                let gain = self.gram.gain(&both);
+                if pair.is_none_or(|(g, _, _)| gain > g) {
+                    pair = Some((gain, i, j));
+                }
+            }
+        }
+        if let Some((gain, i, j)) = pair
+            && gain > 1.5 * top
+        {
+            out.push(vec![candidates[i], candidates[j]]);
+        }
+        out
+    }
+}

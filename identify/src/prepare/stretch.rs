@@ -1,0 +1,181 @@
+//! A stretch: a piece of a run that is simulated from one initial state, with its inputs and targets.
+
+use model::rec::{Circuit, Input, Lever};
+use recordings::{Protocol, Recording};
+
+use crate::noise::mean;
+
+/// What is compared with the model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Channel {
+    /// Encoder, degrees.
+    Angle,
+    /// bar absolute
+    Pressure1,
+    /// bar absolute
+    Pressure2,
+    /// Torque that the clamp holds, Nm.
+    Torque,
+    /// Measuring cylinder, ml.
+    Volume,
+}
+
+impl Channel {
+    /// All.
+    pub const ALL: [Channel; 5] =
+        [Channel::Angle, Channel::Pressure1, Channel::Pressure2, Channel::Torque, Channel::Volume];
+    /// Column of the campaign contract.
+    pub fn column(self) -> &'static str {
+        ["angle_deg", "pressure1_bar", "pressure2_bar", "torque_nm", "volume_ml"][self as usize]
+    }
+    /// This channel of a recording.
+    pub fn of(self, r: &Recording) -> &[f64] {
+        match self {
+            Channel::Angle => &r.angle_deg,
+            Channel::Pressure1 => &r.pressure1_bar,
+            Channel::Pressure2 => &r.pressure2_bar,
+            Channel::Torque => &r.torque_nm,
+            Channel::Volume => &r.volume_ml,
+        }
+    }
+}
+
+/// How the plant stands in a stretch.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stand {
+    /// The lever is free.
+    Free,
+    /// The angle is an input; pump and valves work.
+    Led,
+    /// The angle is an input; the chambers are shut off.
+    LedShutOff,
+    /// Angle and pressures are inputs; the chambers are shut off and chamber 1 is drained.
+    Drained,
+    /// Pump alone; the pressures are inputs.
+    Bench,
+}
+
+/// The mean of the valid samples of one channel over some rows.
+#[derive(Clone, Copy, Debug)]
+pub struct Target {
+    /// Channel.
+    pub channel: Channel,
+    /// Mean of the measured values.
+    pub measured: f64,
+    /// Number of samples in the mean.
+    pub samples: usize,
+    /// Position in the stretch of the row that stands for the whole, where the sensitivities are taken.
+    pub middle: usize,
+    /// Time of that row, s since the run's start.
+    pub time_s: f64,
+}
+
+/// A piece of a run that is simulated from one initial state.
+#[derive(Clone, Debug)]
+pub struct Stretch {
+    /// Position of the run in the campaign.
+    pub run: usize,
+    /// Its protocol.
+    pub protocol: Protocol,
+    /// How the plant stands.
+    pub stand: Stand,
+    /// Gravity acts.
+    pub vertical: bool,
+    /// Times of the rows, s since the run's start.
+    pub time_s: Vec<f64>,
+    /// Voltage, V.
+    pub voltage_v: Vec<f64>,
+    /// Brake valve.
+    pub brake_open: Vec<bool>,
+    /// Bypass valve.
+    pub bypass_open: Vec<bool>,
+    /// Angle as an input, rad; empty where it is not one.
+    pub angle_rad: Vec<f64>,
+    /// Pressures as inputs, bar absolute; empty where they are not.
+    pub pressure_bar: [Vec<f64>; 2],
+    /// Initial angle (rad) and pressures (bar absolute) as the sensors show them.
+    pub initial: [f64; 3],
+    /// Standard errors of the initial values; 0 = taken as exact.
+    pub initial_std: [f64; 3],
+    /// Measured values by channel, one a row; `NaN` = none. Channels that are not targets are empty.
+    pub measured: [Vec<f64>; 5],
+    /// First rows of the blocks over which targets are averaged, and the number of rows at the end.
+    pub blocks: Vec<usize>,
+    /// What is compared, in the order of the blocks, then of the channels.
+    pub targets: Vec<Target>,
+}
+
+impl Stretch {
+    /// The input that acts from row `i` on for `dt` seconds.
+    pub fn input(&self, i: usize, dt: f64) -> Input {
+        let velocity = |series: &[f64]| if i + 1 < series.len() { (series[i + 1] - series[i]) / dt } else { 0.0 };
+        let lever = match self.stand {
+            Stand::Free => Lever::Free,
+            Stand::Bench => Lever::Led { velocity_rad_s: 0.0 },
+            _ => Lever::Led { velocity_rad_s: velocity(&self.angle_rad) },
+        };
+        let circuit = match self.stand {
+            Stand::Free | Stand::Led => Circuit::Pump,
+            Stand::LedShutOff => Circuit::ShutOff { release_ml_s: 0.0 },
+            Stand::Drained => Circuit::Measured {
+                rate1_bar_s: velocity(&self.pressure_bar[0]),
+                rate2_bar_s: velocity(&self.pressure_bar[1]),
+            },
+            Stand::Bench => Circuit::Bench,
+        };
+        Input {
+            voltage_v: self.voltage_v[i],
+            brake_open: self.brake_open[i],
+            bypass_open: self.bypass_open[i],
+            vertical: self.vertical,
+            lever,
+            circuit,
+        }
+    }
+
+    /// Number of rows.
+    pub fn rows(&self) -> usize {
+        self.time_s.len()
+    }
+
+    /// The same from its start on for `length_s`, where the lever is free and the stretch is longer.
+    pub fn shortened(&self, length_s: f64) -> Self {
+        let mut s = self.clone();
+        let end = self.time_s.partition_point(|t| *t < self.time_s[0] + length_s);
+        let blocks = self.blocks.partition_point(|b| *b <= end);
+        if self.stand != Stand::Free || end >= self.rows() || blocks < 2 {
+            return s;
+        }
+        s.blocks.truncate(blocks);
+        let rows = s.blocks[blocks - 1];
+        s.time_s.truncate(rows);
+        s.voltage_v.truncate(rows);
+        s.brake_open.truncate(rows);
+        s.bypass_open.truncate(rows);
+        s.measured.iter_mut().for_each(|m| m.truncate(rows));
+        s.targets.retain(|t| t.middle < rows);
+        s
+    }
+
+    pub(super) fn finish(mut self) -> Self {
+        let end = self.rows();
+        if self.blocks.last() != Some(&end) {
+            self.blocks.push(end);
+        }
+        for b in self.blocks.windows(2) {
+            for channel in Channel::ALL {
+                let values = &self.measured[channel as usize];
+                if values.is_empty() {
+                    continue;
+                }
+                let (measured, samples) = mean(values[b[0]..b[1]].iter().copied());
+                if samples > 0 {
+                    let valid: Vec<usize> = (b[0]..b[1]).filter(|&i| values[i].is_finite()).collect();
+                    let middle = valid[valid.len() / 2];
+                    self.targets.push(Target { channel, measured, samples, middle, time_s: self.time_s[middle] });
+                }
+            }
+        }
+        self
+    }
+}
