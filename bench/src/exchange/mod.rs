@@ -1,1 +1,14 @@
-//! Recordings to other tools' formats and back.
+//! Recordings to other programs' formats and back: CSV, ASAM MDF 4.1, Apache Parquet. Everything is a stream: memory does not depend on a
+//! run's length.
+
+pub mod content;
+mod csv_file;
+pub mod export;
+pub mod format;
+pub mod import;
+mod mdf_blocks;
+mod mdf_file;
+mod output;
+mod parquet_file;
+pub mod source;
+pub mod table;
