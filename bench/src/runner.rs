@@ -1,22 +1,24 @@
 //! Runs one script after the other on a rig: the loop in real time or in lockstep, its samples over shared memory, the logger's
 //! recordings, the flight recorder's incidents. A campaign and a single run are the same to it.
 
-use crate::events::{aftermath, events_of};
+use crate::events::{aftermath, events_of, timeouts_of};
 use crate::failure::{Failure, Kind};
 use crate::incident::Incidents;
 use crate::logger::{Logger, LoggerError};
 use crate::machine;
+use crate::operator::{self, Crier, People};
 use crate::progress::Progress;
 use crate::recorder::{OnFull, ask_to_stop};
 use crate::rig_file::RigRecord;
 use crate::setup::{Knowledge, Setup};
-use drivers::journal::{JournalReader, Occurrence, Severity};
-use profiles::Script;
+use drivers::journal::{Journal, JournalReader, Occurrence, Severity};
+use profiles::{Hands, Script};
 use recordings::{CampaignError, RunMetadata};
+use rt_core::announce::Announcer;
 use rt_core::system::{self, ProcessGuard, Report, Request};
 use rt_core::{
-    Clock, Device, Ended, FlightLog, FlightRecorder, Limits, Lockstep, LossCertificate, Pace, Publication, RealTime,
-    Run, RunReport, Stages, Supervisor, Switches,
+    Clock, Device, Ended, FlightLog, FlightRecorder, Limits, Lockstep, LossCertificate, Operator, Pace, Publication,
+    RealTime, Run, RunReport, Stages, Supervisor, Switches,
 };
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -77,12 +79,19 @@ pub struct Finished {
 pub struct Runner {
     mode: Mode,
     supervisor: Supervisor,
+    /// The rig's own; a script may narrow them for its run.
+    limits: Limits,
+    instance: String,
+    hands: Hands,
+    /// Where people's part is noted.
+    people: Journal,
     // Before the publication: a logger that leaves first is not waited for.
     logger: Logger,
     publication: Publication,
     flight: FlightRecorder,
     flown: FlightLog,
     system: Option<(ProcessGuard, Report)>,
+    announcer: Announcer,
     journals: JournalReader,
     rig: RigRecord,
     next_run: u32,
@@ -132,16 +141,23 @@ impl Runner {
         });
         let logger = logger.map_err(|e| failure_of(&e))?;
         publication.wait_for_loggers(1, PATIENCE).map_err(link)?;
+        let announcer = Announcer::start(instance).map_err(link)?;
         let (flight, flown) = rt_core::flight::recorder();
+        let mut journals = JournalReader::default();
         let runner = Runner {
             mode,
             supervisor,
+            limits,
+            instance: instance.to_owned(),
+            hands: Hands::Rig,
+            people: journals.journal(operator::SOURCE),
             logger,
             publication,
             flight,
             flown,
             system,
-            journals: JournalReader::default(),
+            announcer,
+            journals,
             rig: RigRecord::default(),
             next_run: 0,
         };
@@ -167,10 +183,27 @@ impl Runner {
         self.next_run = next_run;
     }
 
+    /// Who does the operator's part from now on. At first the rig does.
+    pub fn operated_by(&mut self, hands: Hands) {
+        self.hands = hands;
+    }
+
+    /// Where people do the operator's part: asks them to prepare the rig for the script's run, and waits until they confirm. To be called before the
+    /// device is prepared, which arms the amplifier.
+    ///
+    /// # Errors
+    /// A stop (130) or an emergency stop (5) meanwhile.
+    pub fn ask_to_prepare(&mut self, script: &Script, switches: &Switches, progress: &Progress) -> Result<(), Failure> {
+        match self.hands {
+            Hands::Rig => Ok(()),
+            Hands::People => operator::ask_to_prepare(script, &self.instance, switches, &mut self.people, progress),
+        }
+    }
+
     /// Runs a script to its end and records it, with what the drivers note meanwhile.
     ///
     /// # Errors
-    /// The script does not fit the rig (2), the device failed (4), the recording could not be written (6). A trip, a stop and
+    /// The script does not fit the rig, or wants limits wider than the rig's, or people in virtual time (2), the device failed (4), the recording could not be written (6). A trip, a stop and
     /// losses are no error here: see [`judge`] and [`certify`].
     pub fn run(
         &mut self,
@@ -179,15 +212,37 @@ impl Runner {
         switches: &Switches,
         progress: &Progress,
     ) -> Result<Finished, Failure> {
-        let context = profiles::Context { u_max_v: plan.u_max_v, seed: plan.seed, hands: profiles::Hands::Rig };
+        let context = profiles::Context { u_max_v: plan.u_max_v, seed: plan.seed, hands: self.hands };
         let mut playback = plan.script.compile(&context).map_err(|e| Failure::of(Kind::Input, &e))?;
+        operator::require(plan.script, &context, false, matches!(self.mode, Mode::Lockstep))?;
+        let limits = plan
+            .script
+            .envelope
+            .narrow(&self.limits)
+            .map_err(|e| Failure::new(Kind::Input, format!("{}: {e}", plan.script.name)))?;
+        self.supervisor.enforce(limits).map_err(|e| Failure::of(Kind::Input, &e))?;
+        let requests = playback.requests().to_vec();
         let run = Run { number: self.next_run, overrun: plan.script.overrun };
         self.next_run += 1;
-        let setup = Setup::of(plan.seed, plan.u_max_v, self.supervisor.limits(), plan.knowledge);
+        let setup = Setup::of(plan.seed, plan.u_max_v, &limits, plan.knowledge).by(self.hands);
         let mut controller = plan.knowledge.controller(plan.script.plane)?;
         let mut metadata = metadata(plan, &setup, &self.rig)?;
 
-        let Runner { mode, supervisor, logger, publication, flight, flown, system, journals, .. } = self;
+        let Runner {
+            mode,
+            supervisor,
+            logger,
+            publication,
+            flight,
+            flown,
+            system,
+            announcer,
+            journals,
+            people,
+            instance,
+            ..
+        } = self;
+        let mut crier = Crier::new(&requests, instance);
         let mut noted = said_of(journals.read(), progress);
         if let Some(reader) = journals.take_telemetry() {
             logger.record_amplifier(reader).map_err(|e| failure_of(&e))?;
@@ -195,13 +250,19 @@ impl Runner {
         let mut incidents = Incidents::beside(plan.path);
         let step = progress.step(plan.script.name.as_str(), playback.ticks_bound());
         let begin = |logger: &mut Logger, metadata: RunMetadata| {
+            // Recorders of other processes know what the run is before its first sample.
+            announcer.announce(run.number, metadata.to_record()).map_err(|e| Failure::of(Kind::Device, &e))?;
             logger.begin(run.number, plan.path.to_owned(), metadata, step.counter()).map_err(|e| failure_of(&e))
         };
+        let mut listening = &*switches;
+        let mut people = People::new(switches, &requests, people);
+        // Where nothing is asked, nothing is noted at any tick.
+        let heard: &mut (dyn Operator + Send) = if requests.is_empty() { &mut listening } else { &mut people };
         let mut drive = |clock: &mut (dyn Clock + Send), publication: &mut Publication| {
             let stages = Stages {
                 clock,
                 device: &mut *device,
-                operator: &mut &*switches,
+                operator: &mut *heard,
                 supervisor: &mut *supervisor,
                 reference: &mut playback,
                 controller: &mut *controller,
@@ -242,6 +303,7 @@ impl Runner {
                     // The thread waits for this; it can only be gone by a panic, which the join tells.
                     let _ = go.send(());
                     while !handle.is_finished() {
+                        crier.look(switches, progress);
                         incidents.write(flown, progress);
                         noted.extend(said_of(journals.read(), progress));
                         thread::sleep(LOOK);
@@ -253,10 +315,12 @@ impl Runner {
                 })?
             }
         };
+        switches.confirmations.run_over();
         let settled = publication.settle(PATIENCE);
         incidents.write(flown, progress);
         noted.extend(said_of(journals.read(), progress));
         let (ticks, mut events) = aftermath(&outcome);
+        events.extend(timeouts_of(&playback));
         events.extend(incidents.events());
         events.extend(events_of(&noted, origin_ns, journals.untaken()));
         let recorded = logger.end(run.number, ticks, events).map_err(|e| failure_of(&e))?;

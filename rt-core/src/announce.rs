@@ -26,7 +26,7 @@ const LOOK: Duration = Duration::from_millis(20);
 /// Between two looks of a recorder that waits for an announcement.
 const NAP: Duration = Duration::from_millis(2);
 /// Announcements that a recorder may lag behind.
-const BUFFER: usize = 4;
+const BUFFER: usize = 2;
 /// Announcements that a recorder remembers.
 const KEPT: usize = 8;
 /// Bytes for which there is room at once; for more the transport makes new room.

@@ -36,16 +36,16 @@ pub struct Args {
     said: Said,
 }
 
-/// What the samples do not say about their run.
+/// What is said of runs whose service does not tell what it runs.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(super) struct Said {
-    /// Protocol of the run
+    /// Protocol of the run, where its service does not tell it
     #[arg(long, default_value_t = Protocol::RandomSteps)]
     protocol: Protocol,
-    /// What the run is for
+    /// What the run is for, where its service does not tell it
     #[arg(long, default_value_t = Role::Validate)]
     role: Role,
-    /// Plane in which the lever moves
+    /// Plane in which the lever moves, where its service does not tell it
     #[arg(long, default_value_t = Plane::Horizontal)]
     plane: Plane,
 }

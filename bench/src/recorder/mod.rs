@@ -2,13 +2,13 @@
 //! does not know it; what it does not get is certified.
 
 mod run_file;
-mod service;
 
 pub use run_file::{Ending, RecordedRun};
-pub use service::ask_to_stop;
 
 use recordings::{CampaignError, RunMetadata};
-use rt_core::{Delivery, LinkError, Sample, SampleSubscriber};
+use rt_core::announce::Announcements;
+use rt_core::presence::is_published;
+use rt_core::{Delivery, LinkError, RunCommand, Sample, SampleSubscriber, send_command};
 use run_file::{RunFile, Taken};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,6 +18,11 @@ use std::time::{Duration, Instant};
 const LOOK: Duration = Duration::from_millis(50);
 /// A run that is silent for this long makes the recorder ask whether its service is still there.
 const SILENCE: Duration = Duration::from_secs(2);
+/// A run that was under way when the recorder came is described within this time, or not at all.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+/// A service that runs answers at once; one on a machine under load a little later.
+const ANSWER_PATIENCE: Duration = Duration::from_secs(5);
 
 /// What follows when the disk runs full.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -52,7 +57,7 @@ pub struct Plan {
     pub on_full: OnFull,
     /// When samples are lost.
     pub on_gap: OnGap,
-    /// What is to be said of each run; the name is the file's.
+    /// What is to be said of runs whose service does not tell it; the name is the file's.
     pub metadata: RunMetadata,
 }
 
@@ -80,9 +85,12 @@ pub trait Listener {
 /// # Errors
 /// The instance can't be subscribed to or sends what is no run; a recording can't be begun. What is open then is closed first.
 pub fn record(plan: &Plan, end: &AtomicBool, listener: &mut dyn Listener) -> Result<(), RecorderError> {
+    // Before the samples: of the first run that arrives whole, the description arrives, too.
+    let announcements = Announcements::open(&plan.instance)?;
     let subscriber = SampleSubscriber::open(&plan.instance, Delivery::Lossless)?;
     listener.say(&format!("waiting for a run of instance {:?}", plan.instance));
-    let mut recorder = Recorder { plan, listener, open: None, begun: 0, closed: 0, asked_to_stop: false };
+    let mut recorder =
+        Recorder { plan, listener, announcements, open: None, begun: 0, closed: 0, asked_to_stop: false };
     let outcome = recorder.follow(subscriber, end);
     recorder.close(Ending::Interrupted);
     outcome
@@ -91,6 +99,7 @@ pub fn record(plan: &Plan, end: &AtomicBool, listener: &mut dyn Listener) -> Res
 struct Recorder<'a> {
     plan: &'a Plan,
     listener: &'a mut dyn Listener,
+    announcements: Announcements,
     open: Option<RunFile>,
     begun: u32,
     closed: u32,
@@ -106,6 +115,7 @@ impl Recorder<'_> {
         while !self.fulfilled() && !end.load(Ordering::Relaxed) {
             samples.clear();
             let received = subscriber.receive(LOOK, &mut samples);
+            self.announcements.hear()?;
             // The recordings count for themselves: what they certify is what they hold.
             while subscriber.take_certificate().is_some() {}
             self.take(&samples)?;
@@ -114,7 +124,7 @@ impl Recorder<'_> {
                 heard = Instant::now();
             } else if heard.elapsed() >= SILENCE {
                 heard = Instant::now();
-                if !service::publishes(&self.plan.instance)? {
+                if !is_published(&self.plan.instance)? {
                     // What it published just before it went is in the buffer.
                     while subscriber.drain(&mut samples)? > 0 {}
                     self.take(&samples)?;
@@ -153,8 +163,10 @@ impl Recorder<'_> {
 
     fn begin(&mut self, first: &Sample) -> Result<RunFile, RecorderError> {
         let path = free_file(&self.plan.out, self.begun + 1);
-        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let mut metadata = RunMetadata { name, ..self.plan.metadata.clone() };
+        let mut metadata = self.description(first.run)?.unwrap_or_else(|| {
+            let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+            RunMetadata { name, ..self.plan.metadata.clone() }
+        });
         metadata.notes.insert("instance".to_owned(), self.plan.instance.clone());
         metadata.notes.insert("recorder".to_owned(), "bench record".to_owned());
         metadata.notes.insert("recorded_from_utc".to_owned(), jiff::Timestamp::now().to_string());
@@ -167,6 +179,21 @@ impl Recorder<'_> {
             self.listener.say(&format!("run {}: was under way; its first {missed} samples are missing", first.run));
         }
         Ok(file)
+    }
+
+    /// What the service says of its run.
+    fn description(&mut self, run: u32) -> Result<Option<RunMetadata>, RecorderError> {
+        let announced = self.announcements.of_run(run, PATIENCE)?.map(RunMetadata::from_record);
+        let why = match announced {
+            Some(Ok(metadata)) => return Ok(Some(metadata)),
+            Some(Err(error)) => error,
+            None => "it says nothing".to_owned(),
+        };
+        self.listener.say(&format!(
+            "run {run}: expected its service to say what it runs: {why}; the recording has protocol, role and plane from the command line and \
+             can't be replayed"
+        ));
+        Ok(None)
     }
 
     fn heed(&mut self, taken: Taken) {
@@ -208,6 +235,14 @@ impl Recorder<'_> {
             self.listener.closed(&run);
         }
     }
+}
+
+/// Asks the service of `instance` for an orderly end of its run. That it was heard is seen in the samples.
+///
+/// # Errors
+/// No service of this name listens, or answers.
+pub fn ask_to_stop(instance: &str) -> Result<(), LinkError> {
+    send_command(instance, RunCommand::Stop, ANSWER_PATIENCE).map(|_| ())
 }
 
 /// The name for the run with this number (from 1), or the next one that is free: a measurement is never overwritten, and the
