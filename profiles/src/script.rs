@@ -176,6 +176,20 @@ impl Script {
         Command { voltage_v: 0.0, brake_open, bypass_open, fixture, segment: 0 }
     }
 
+    /// Shortest time the script can take, s: whatever is waited for is there at once, every loop that may be left early is.
+    pub fn duration_least_s(&self) -> f64 {
+        let mut least_s = 0.0;
+        let mut left_until = 0;
+        for (place, item) in self.items.iter().enumerate() {
+            let skip = item.skips.iter().map(|skip| skip.to).max();
+            left_until = left_until.max(skip.unwrap_or(0));
+            if place >= left_until {
+                least_s += item.kind.least_s();
+            }
+        }
+        least_s
+    }
+
     /// Longest time the script can take, s, where the rig does the operator's part: every wait runs into its timeout and no loop is
     /// left early. People take as long as they take.
     pub fn duration_bound_s(&self) -> f64 {
@@ -336,6 +350,14 @@ pub struct RandomSteps {
 }
 
 impl ItemKind {
+    fn least_s(&self) -> f64 {
+        match self {
+            ItemKind::Hold(Hold { end: End::After { seconds }, .. }) => *seconds,
+            ItemKind::Hold(_) => TICK_S,
+            ItemKind::Random { steps, .. } => steps.total_s,
+        }
+    }
+
     fn bound_s(&self) -> f64 {
         match self {
             ItemKind::Hold(hold) => match hold.end {

@@ -1,6 +1,6 @@
 //! The values of a step: numbers with their variables, ranges, fixtures, conditions.
 
-use crate::condition::{Condition, Limit};
+use crate::condition::{Channel, Condition, Limit};
 use crate::controlled::Controlled;
 use crate::error::{ScriptError, Source};
 use crate::raw::{AmountName, FixtureName, Quantity, RawCondition, RawRandom, RawStep, at};
@@ -30,6 +30,38 @@ pub(crate) fn ticks(seconds: f64) -> u64 {
 /// The first whole number of ticks that is not below.
 pub(crate) fn ticks_at_least(seconds: f64) -> u64 {
     ((seconds * 1e9 / PERIOD_NS as f64).ceil() as u64).max(1)
+}
+
+/// What a value out of its range may have been meant as: the units that people mix up most.
+fn remedy(key: &str, value: f64, low: f64, high: f64) -> String {
+    let fits = |value: f64| (low..=high).contains(&value);
+    let meant = |units: &[(&str, f64)], own: &str| -> String {
+        let said = units
+            .iter()
+            .filter(|(_, of_own)| fits(value / of_own))
+            .map(|(unit, of_own)| format!("{value} {unit} are {} {own}", (value / of_own * 1e6).round() / 1e6));
+        let said: Vec<String> = said.collect();
+        if said.is_empty() { String::new() } else { format!("; write it in {own}: {}", said.join(", ")) }
+    };
+    let share = ["voltage_u_max", "probability"].contains(&key) || key.ends_with("_share");
+    if share && fits(value / 100.0) {
+        format!("; it is a fraction: {value} % are {}", value / 100.0)
+    } else if key.ends_with("_bar") {
+        meant(&[("kPa", 100.0), ("mbar", 1000.0), ("psi", 14.503_774), ("Pa", 1e5)], "bar")
+    } else if key.ends_with("_s") && !key.ends_with("_per_s") && !key.ends_with("_deg_s") && !key.ends_with("_ml_s") {
+        meant(&[("ms", 1000.0)], "s")
+    } else {
+        String::new()
+    }
+}
+
+/// What a channel can show at all, in its unit: beyond it a condition is always met or never.
+fn shows(channel: Channel) -> (f64, f64) {
+    match channel {
+        Channel::AngleDeg => (-90.0, 90.0),
+        Channel::Pressure1Bar | Channel::Pressure2Bar => (0.0, 20.0),
+        Channel::TorqueNm => (-1000.0, 1000.0),
+    }
 }
 
 /// A variable of a `for_each`, in one pass.
@@ -102,7 +134,8 @@ impl Reader<'_> {
         if (low..=high).contains(&value) {
             Ok(value)
         } else {
-            Err(self.source.error(offset, format!("`{key}` must lie within {low} .. {high}, got {value}")))
+            let remedy = remedy(key, value, low, high);
+            Err(self.source.error(offset, format!("`{key}` must lie within {low} .. {high}, got {value}{remedy}")))
         }
     }
 
@@ -266,16 +299,22 @@ impl Reader<'_> {
 
     fn condition(&self, key: &str, raw: &Spanned<RawCondition>) -> Result<Condition, ScriptError> {
         let RawCondition { channel, above, below, rate_below, window_s, steady_within, for_s } = raw.get_ref();
+        let (low, high) = shows(*channel);
+        // In the words of the channel, so that the remedy knows its unit.
+        let limit_of = |side: &str, value: &Spanned<Quantity>| {
+            let limit = self.number(side, value)?;
+            self.check(&format!("{side} of {}", channel.as_str()), limit, value.span().start, low, high)
+        };
         let limit = match (above, below, rate_below, window_s, steady_within, for_s) {
-            (Some(limit), None, None, None, None, None) => Limit::Above(self.number("above", limit)?),
-            (None, Some(limit), None, None, None, None) => Limit::Below(self.number("below", limit)?),
+            (Some(limit), None, None, None, None, None) => Limit::Above(limit_of("above", limit)?),
+            (None, Some(limit), None, None, None, None) => Limit::Below(limit_of("below", limit)?),
             // A rate and a spread need ticks to be seen; `stop_when` looks at one.
             (None, None, Some(rate), Some(window), None, None) if key == "until" => Limit::RateBelow {
                 per_s: self.within("rate_below", rate, 1e-9, 1e9)?,
                 window_s: self.duration("window_s", window)?,
             },
             (None, None, None, None, Some(spread), Some(window)) if key == "until" => Limit::SteadyWithin {
-                spread: self.within("steady_within", spread, 1e-9, 1e9)?,
+                spread: self.within("steady_within", spread, 1e-9, high - low)?,
                 ticks: ticks(self.within("for_s", window, TICK_S, MOST_STEADY_S)?),
             },
             _ => {

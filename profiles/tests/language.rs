@@ -1,7 +1,7 @@
 //! The script language: what holds, loops, ramps and conditions do, and what is said about a bad script.
 
 use profiles::{Context, LoadError, Playback, Script, load_folder};
-use rt_core::{Fixture, Measurement, Reference, Step, Target, Tick};
+use rt_core::{Fixture, Limits, Measurement, Reference, Step, Target, Tick};
 
 const CONTEXT: Context = Context { u_max_v: 20.0, seed: 3, hands: profiles::Hands::Rig };
 
@@ -178,6 +178,25 @@ const BAD_STEPS: &[(&str, usize, &str)] = &[
     ("[[step]]\nuntil = [{ channel = \"angle_deg\" }]\ntimeout_s = 1\n", 10, "exactly one of"),
     ("[[step]]\nuntil = [{ channel = \"angle_deg\", above = 1, below = 2 }]\ntimeout_s = 1\n", 10, "exactly one of"),
     ("[[step]]\nuntil = [{ channel = \"angle_deg\", rate_below = 1 }]\ntimeout_s = 1\n", 10, "`window_s`"),
+    ("[[step]]\nuntil = [{ channel = \"angle_deg\", steady_within = 1 }]\ntimeout_s = 1\n", 10, "`for_s`"),
+    ("[[step]]\nuntil = [{ channel = \"angle_deg\", for_s = 1 }]\ntimeout_s = 1\n", 10, "`steady_within`"),
+    (
+        "[[step]]\nuntil = [{ channel = \"angle_deg\", steady_within = 1, for_s = 1, above = 3 }]\ntimeout_s = 1\n",
+        10,
+        "exactly one of",
+    ),
+    (
+        "[[step]]\nuntil = [{ channel = \"angle_deg\", steady_within = 0, for_s = 1 }]\ntimeout_s = 2\n",
+        10,
+        "`steady_within` must lie within",
+    ),
+    (
+        "[[step]]\nuntil = [{ channel = \"angle_deg\", steady_within = 1, for_s = 2 }]\ntimeout_s = 2\n",
+        11,
+        "can't be met within `timeout_s` = 2",
+    ),
+    ("[[step]]\nuntil = [{ channel = \"pressure1_bar\", above = 300 }]\ntimeout_s = 2\n", 10, "300 kPa are 3 bar"),
+    ("[[step]]\nuntil = [{ channel = \"angle_deg\", below = -400 }]\ntimeout_s = 2\n", 10, "-90 .. 90, got -400"),
     ("[[step]]\nangle_deg = 3\nfor_s = 1\n", 10, "needs `fixture`"),
     ("[[step]]\nfixture = \"glued\"\nfor_s = 1\n", 10, "glued"),
     ("[[step]]\nfixture = \"clamped\"\nfor_s = 1\n", 10, "`angle_deg` is missing"),
@@ -201,6 +220,69 @@ const BAD_STEPS: &[(&str, usize, &str)] = &[
     ),
     ("[[step]]\nfor_s = 1\nstop_when = [{ channel = \"angle_deg\", above = 1 }]\n", 11, "belongs to `repeat`"),
     ("[[step]]\nfor_s = 1\n[[step.step]]\nfor_s = 1\n", 9, "need `repeat` or `for_each`"),
+    ("[[step]]\nvoltage_u_max = 60\nfor_s = 1\n", 10, "it is a fraction: 60 % are 0.6"),
+    ("[[step]]\nfor_s = 100000\n", 10, "100000 ms are 100 s"),
+    (
+        "[[step]]\nfixture = \"filled\"\nangle_deg = 5\npressure1_bar = 500\npressure2_bar = 2\nfor_s = 1\n",
+        12,
+        "`pressure1_bar` must lie within 0.1 .. 8, got 500; write it in bar: 500 kPa are 5 bar, 500 mbar are 0.5 bar",
+    ),
+    (
+        "[[step]]\nfixture = \"pump-bench\"\npressure1_bar = 40\npressure2_bar = 2\nfor_s = 1\n",
+        11,
+        "40 psi are 2.757903 bar",
+    ),
+    (
+        "[[step]]\nfor_each = { a = { from = 0, to = 10, step = 3 } }\n[[step.step]]\nfor_s = \"$a\"\n",
+        10,
+        "set `to` to 9 or 12",
+    ),
+    (
+        "[[step]]\nfor_each = { a = { from = 0, to = -1, step = 3 } }\n[[step.step]]\nfor_s = \"$a\"\n",
+        10,
+        "set `to` to 0 or -3",
+    ),
+    ("[[step]]\nfor_each = { a = { from = 0, to = 10, step = -5 } }\n[[step.step]]\nfor_s = \"$a\"\n", 10, "got -5"),
+    (
+        "[[step]]\nfor_each = { a = { from = 1, to = 1, count = 2 } }\n[[step.step]]\nfor_s = \"$a\"\n",
+        10,
+        "must differ",
+    ),
+    (
+        "[[step]]\nfor_each = { a = { from = 0, to = 1, count = 1 } }\n[[step.step]]\nfor_s = \"$a\"\n",
+        10,
+        "2 .. 10000, got 1",
+    ),
+    ("[[step]]\nfor_each = { a = { from = 0, to = 1 } }\n[[step.step]]\nfor_s = \"$a\"\n", 10, "one of `step`"),
+    (
+        "[[step]]\nfor_each = { a = { from = 0, to = 1, step = 1, count = 2 } }\n[[step.step]]\nfor_s = \"$a\"\n",
+        10,
+        "one of `step`",
+    ),
+    (
+        "[[step]]\nfor_each = { a = { from = 0, to = 1, step = 1e-6 } }\n[[step.step]]\nfor_s = \"$a\"\n",
+        10,
+        "more than 10000",
+    ),
+    (
+        "[[step]]\nfor_each = { a = { from = 0, till = 1, step = 1 } }\n[[step.step]]\nfor_s = \"$a\"\n",
+        10,
+        "unknown field `till`",
+    ),
+    (
+        "[[step]]\nfor_each = { a = { from = 1, to = 3, step = 1 }, b = [1, 2] }\n[[step.step]]\nvoltage_v = \"$a\"\nfor_s = \"$b\"\n",
+        10,
+        "`a` has 3, `b` 2",
+    ),
+    ("[[step]]\nfor_s = 1\n[envelope]\npressure_max_bar = 500\n", 12, "500 kPa are 5 bar"),
+    ("[[step]]\nfor_s = 1\n[envelope]\nangle_max_deg = 0\n", 12, "0.1 .. 90, got 0"),
+    (
+        "[[step]]\nfor_s = 1\n[envelope]\npressure_max_bar = 2\npressure_min_bar = 3\n",
+        11,
+        "below `pressure_max_bar` = 2",
+    ),
+    ("[[step]]\nfor_s = 1\n[envelope]\nslew_max_v_s = 2\n", 12, "unknown field `slew_max_v_s`"),
+    ("[[step]]\nfor_s = 1\n[envelope]\nangle_max_deg = \"$a\"\n", 12, "in scope: none"),
     ("[[step]]\nfor_each = {}\n[[step.step]]\nfor_s = 1\n", 10, "at least one list"),
     ("[[step]]\nfor_each = { a = [] }\n[[step.step]]\nfor_s = \"$a\"\n", 10, "at least 1"),
     (
@@ -299,4 +381,109 @@ fn folders_are_loaded_or_refused_with_the_file() {
     let error = load_folder(&folder).expect_err("a bad script").to_string();
     assert!(error.contains("c.toml:10: "), "{error}");
     std::fs::remove_dir_all(&folder).expect("temporary folder");
+}
+
+#[test]
+fn a_hold_waits_until_a_channel_is_steady() {
+    let text = "[[step]]\nvoltage_v = 1\nuntil = [{ channel = \"angle_deg\", steady_within = 0.5, for_s = 0.1 }]\ntimeout_s = 2.0\n\
+                [[step]]\nvoltage_v = 0\nfor_s = 0.001\n";
+    let waited = |angle_deg: &dyn Fn(u64) -> f64| {
+        let mut playback = compile(text);
+        let length = steps(&mut playback, angle_deg).len();
+        (length, playback.timeouts())
+    };
+    // It settles at tick 300: the window begins there, or as much earlier as the way is within the tolerance.
+    let settles = |k: u64| if k < 300 { k as f64 * 0.1 } else { 30.0 };
+    let (length, timeouts) = waited(&settles);
+    assert_eq!((length, timeouts), (300 - 5 + 100 + 1, vec![]));
+    let (length, _) = waited(&|_| 7.0);
+    assert_eq!(length, 1 + 100 + 1, "no shorter than the window");
+    let (length, timeouts) = waited(&|k| 0.6 * (k % 2) as f64);
+    assert_eq!(length, 2001);
+    let [timeout] = timeouts.as_slice() else { panic!("{timeouts:?}") };
+    assert_eq!((timeout.step, timeout.place.line, timeout.tick, timeout.ticks), (0, 9, 2000, 2000));
+    assert_eq!(timeout.waited[0].left, Some(0.6));
+    let said = timeout.to_string();
+    assert!(
+        said.contains("line 9: after 2 s") && said.contains("angle_deg steady within 0.5 for 0.1 s (was 0.6000)"),
+        "{said}"
+    );
+}
+
+#[test]
+fn time_outs_say_what_was_left_and_in_which_pass() {
+    let mut playback = compile(
+        "[[step]]\nfor_each = { limit_deg = [5, 50] }\n[[step.step]]\nrepeat = 2\n[[step.step.step]]\n\
+         until = [{ channel = \"angle_deg\", above = \"$limit_deg\" }, { channel = \"torque_nm\", above = 1 }]\ntimeout_s = 0.01\n",
+    );
+    steps(&mut playback, |_| 20.0);
+    let said: Vec<String> = playback.timeouts().iter().map(ToString::to_string).collect();
+    assert_eq!(said.len(), 2, "the passes with 5 degrees are met: {said:?}");
+    assert!(said[1].starts_with("line 13 (limit_deg = 50, pass 2 of 2): after 0.01 s, at tick "), "{said:?}");
+    assert!(said[1].contains("angle_deg above 50 (was 20.0000), or torque_nm above 1 (not measured"), "{said:?}");
+}
+
+#[test]
+fn ranges_are_the_lists_that_one_would_have_written() {
+    let sweep = |values: &str| {
+        let text =
+            format!("[[step]]\nfor_each = {{ v = {values} }}\n[[step.step]]\nvoltage_v = \"$v\"\nfor_s = 0.001\n");
+        steps(&mut compile(&text), |_| 0.0).iter().map(volts).collect::<Vec<f64>>()
+    };
+    for (range, list) in [
+        ("{ from = -20, to = 20, step = 10 }", "[-20, -10, 0, 10, 20]"),
+        ("{ from = 0.3, to = -0.1, step = 0.1 }", "[0.3, 0.2, 0.1, 0.0, -0.1]"),
+        ("{ from = 1, to = 14, step = 1 }", "[1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14]"),
+        ("{ from = 1, to = 2, count = 2 }", "[1, 2]"),
+        ("{ from = 2, to = 1, count = 5 }", "[2, 1.75, 1.5, 1.25, 1]"),
+    ] {
+        let bits = |values: Vec<f64>| values.into_iter().map(f64::to_bits).collect::<Vec<_>>();
+        assert_eq!(bits(sweep(range)), bits(sweep(list)), "{range}");
+    }
+    let third = sweep("{ from = 0, to = 1, count = 4 }");
+    assert_eq!((third[0], third[1], third[3]), (0.0, 1.0 / 3.0, 1.0));
+}
+
+#[test]
+fn nested_ranges_give_every_combination_and_may_depend_on_each_other() {
+    let text = "[[step]]\nfor_each = { a = { from = 1, to = 3, count = 3 } }\n[[step.step]]\n\
+                for_each = { b = { from = 0, to = \"$a\", step = 1 } }\n[[step.step.step]]\nvoltage_v = \"$b\"\nfor_s = 0.001\n";
+    let values: Vec<f64> = steps(&mut compile(text), |_| 0.0).iter().map(volts).collect();
+    assert_eq!(values, [0.0, 1.0, 0.0, 1.0, 2.0, 0.0, 1.0, 2.0, 3.0]);
+}
+
+#[test]
+fn an_envelope_narrows_and_never_widens() {
+    let script = |envelope: &str| {
+        Script::parse(&format!("{HEAD}[[step]]\nfor_s = 1\n[envelope]\n{envelope}"), "t.toml").expect("parses").envelope
+    };
+    let rig = Limits::default();
+    assert_eq!(script("").narrow(&rig), Ok(rig));
+    let narrow =
+        script("pressure_max_bar = 5\npressure_min_bar = 1\nangle_max_deg = 30\nvoltage_max_v = 12").narrow(&rig);
+    let expected =
+        Limits { pressure_max_bar: 5.0, pressure_min_bar: 1.0, angle_max_deg: 30.0, voltage_max_v: 12.0, ..rig };
+    assert_eq!(narrow, Ok(expected));
+    assert_eq!(script("torque_max_nm = 80").narrow(&rig), Ok(rig), "as wide as the rig's is not wider");
+    for (wide, key) in [
+        ("pressure_max_bar = 8", "pressure_max_bar = 8 is wider"),
+        ("pressure_min_bar = 0.4", "pressure_min_bar = 0.4 is wider"),
+        ("velocity_max_deg_s = 1001", "own limit of 1000"),
+    ] {
+        let rig = Limits { pressure_max_bar: 7.5, ..rig };
+        let error = script(wide).narrow(&rig).expect_err(wide).to_string();
+        assert!(error.contains(key), "{error}");
+    }
+}
+
+#[test]
+fn the_shortest_and_the_longest_time() {
+    let script = |steps: &str| Script::parse(&format!("{HEAD}{steps}"), "t.toml").expect("parses");
+    let wait = "until = [{ channel = \"angle_deg\", above = 5 }]\ntimeout_s = 3\n";
+    let one = script(&format!("[[step]]\nfor_s = 1\n[[step]]\n{wait}"));
+    assert_eq!((one.duration_least_s(), one.duration_bound_s()), (1.001, 4.0));
+    let left = script(&format!(
+        "[[step]]\nfor_s = 1\n[[step]]\nrepeat = 5\nstop_when = [{{ channel = \"angle_deg\", above = 1 }}]\n[[step.step]]\nfor_s = 2\n[[step]]\n{wait}"
+    ));
+    assert_eq!((left.duration_least_s(), left.duration_bound_s()), (1.001, 14.0));
 }

@@ -10,7 +10,7 @@ mod watch;
 
 use crate::emulation;
 use crate::failure::{Failure, Kind};
-use crate::rig_file::Rig;
+use crate::rig_file::{DeviceSpec, Rig};
 use crate::setup::Knowledge;
 use crate::simulation::added_effects;
 use drivers::EmulatedRig;
@@ -209,8 +209,21 @@ pub fn predict(script: &Script, rig: &Rig, model: &ModelFile, seed: u64) -> Resu
     })
 }
 
+/// The model that a rig file gives to predict with: the plant of an emulated rig, with its effects; of a rig on wires the controller's,
+/// once it is identified.
+pub fn model_of(rig: &Rig) -> Option<&ModelFile> {
+    match (&rig.device, &rig.knowledge) {
+        (DeviceSpec::Emulated(plant), _) => Some(plant),
+        (DeviceSpec::Wired(_), Knowledge::Model(model, _)) => Some(model),
+        (DeviceSpec::Wired(_), Knowledge::Pump(_) | Knowledge::Nothing) => None,
+    }
+}
+
 /// Whether the rig's controller knows enough for the script's targets.
-fn served(script: &Script, knowledge: &Knowledge) -> Result<(), Failure> {
+///
+/// # Errors
+/// It does not: what is missing (2).
+pub fn served(script: &Script, knowledge: &Knowledge) -> Result<(), Failure> {
     let known = match knowledge {
         Knowledge::Nothing => Need::Nothing,
         Knowledge::Pump(_) => Need::Pump,

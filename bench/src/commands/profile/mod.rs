@@ -2,8 +2,10 @@
 
 mod check;
 mod list;
+mod outlook;
 mod schema;
 mod show;
+mod words;
 
 use crate::failure::Failure;
 use crate::progress::Progress;
