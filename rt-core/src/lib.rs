@@ -14,17 +14,17 @@
 //! | [`subscribe`] | the other end: samples, gaps, loss certificate |
 //! | [`loss`] | gap detection by the samples' numbers, without any transport |
 //! | [`system`] | priority, memory and time of the operating system |
+//! | [`command_channel`] | stop, emergency stop and confirmations from another process |
 //! | [`confirmation`] | what people are asked for, and how their word reaches the loop |
 //! | [`announce`] | what a run is, told before its first sample |
 //! | [`presence`] | whether anybody publishes |
-//! | [`demand`] | stop and emergency stop from another process |
 //! | [`link`] | names, sizes and errors of the shared-memory services |
 
 pub mod announce;
 pub mod clock;
+pub mod command_channel;
 pub mod confirmation;
 pub mod cycle;
-pub mod demand;
 pub mod fault;
 pub mod flight;
 mod flow;
@@ -44,9 +44,9 @@ pub mod traits;
 pub mod types;
 
 pub use clock::{Clock, Lockstep, RealTime, Wake};
+pub use command_channel::{Answer, CommandServer, RunCommand, send_command};
 pub use confirmation::{Amount, Confirmation, ConfirmationSlot, Refusal, Waiting};
 pub use cycle::{LoopError, OpenLoop, Run, Stages, run};
-pub use demand::{DemandListener, send_demand};
 pub use fault::{Fault, FaultKind};
 pub use flight::{FlightLog, FlightRecorder, Incident};
 pub use link::LinkError;

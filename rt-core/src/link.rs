@@ -5,7 +5,7 @@
 //! | `rec-bench/<instance>/sample` | publish-subscribe | one [`Sample`] a tick |
 //! | `rec-bench/<instance>/progress` | publish-subscribe | how far each lossless logger is |
 //! | `rec-bench/<instance>/wake` | event | there are new samples |
-//! | `rec-bench/<instance>/demand` | event | stop, emergency stop: [`crate::demand`] |
+//! | `rec-bench/<instance>/command`, `.../command-wake` | request-response, event | commands to the run: [`crate::command_channel`] |
 //!
 //! Whoever comes first creates a service and fixes its sizes.
 

@@ -1,0 +1,391 @@
+//! Commands to a run from another process, each with an answer: stop, emergency stop, confirmations of people at the rig.
+//!
+//! | service | pattern | carries |
+//! |---|---|---|
+//! | `rec-bench/<instance>/command` | request-response | a command; whether it was taken, at which tick, or why not |
+//! | `rec-bench/<instance>/command-wake` | event | there is a command: the server sleeps until then |
+//!
+//! A stop is taken when its switch is thrown: within a tick the loop sees it, and its samples show it. A confirmation is taken or refused by
+//! the loop itself, at a tick that the answer names.
+
+use std::collections::VecDeque;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+use iceoryx2::active_request::ActiveRequest;
+use iceoryx2::port::listener::{Listener, ListenerWaitError};
+use iceoryx2::port::server::Server;
+use iceoryx2::prelude::*;
+use iceoryx2::service::port_factory::{event, request_response};
+
+use crate::confirmation::{Amount, Confirmation, Refusal, Waiting};
+use crate::link::{Ipc, LinkError, patiently, quieten, validate_instance};
+use crate::traits::Switches;
+
+/// Version of the messages; the other end answers nothing else.
+const VERSION: u32 = 1;
+/// Programs that may command one instance at a time.
+const MAX_CLIENTS: usize = 8;
+/// A server that ends and one that begins may meet.
+const MAX_SERVERS: usize = 2;
+const MAX_NODES: usize = 16;
+/// Bytes of an answer's text.
+const TEXT_BYTES: usize = 240;
+/// The loop judges a confirmation within a tick; one that is held up for longer than this has no answer.
+const VERDICT_PATIENCE: Duration = Duration::from_secs(2);
+/// Between two looks after a verdict, or an answer.
+const LOOK: Duration = Duration::from_millis(1);
+/// For "none" where a number stands.
+const NONE: u64 = u64::MAX;
+
+/// What another process asks of a run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum RunCommand {
+    /// What is asked for now? Changes nothing.
+    Look,
+    /// An orderly end.
+    Stop,
+    /// The supervisor is to trip.
+    EmergencyStop,
+    /// The people at the rig have done what the run asked for.
+    Confirm(Confirmation),
+}
+
+/// What the run says to a command.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Answer {
+    /// Taken: at this tick, where the loop itself took it. Otherwise why not.
+    pub taken: Result<Option<u64>, Refusal>,
+    /// What the run waits for now.
+    pub open: Option<Waiting>,
+    /// That in words; empty where nothing is asked.
+    pub text: String,
+}
+
+#[derive(Clone, Copy, Debug, ZeroCopySend)]
+#[repr(C)]
+#[type_name("RecBenchCommand1")]
+struct Message {
+    version: u32,
+    /// 0: look, 1: stop, 2: emergency stop, 3: confirm.
+    kind: u32,
+    request: u64,
+    volume_ml: f64,
+    has_volume: u32,
+    reserved: u32,
+}
+
+#[derive(Clone, Copy, Debug, ZeroCopySend)]
+#[repr(C)]
+#[type_name("RecBenchAnswer1")]
+struct Reply {
+    version: u32,
+    /// 0: taken; otherwise 1 + index of [`Refusal::ALL`], or [`UNKNOWN`].
+    outcome: u32,
+    tick: u64,
+    request: u64,
+    has_amount: u32,
+    text_len: u32,
+    text: [u8; TEXT_BYTES],
+}
+
+/// A command of another version.
+const UNKNOWN: u32 = 255;
+
+type CommandService = request_response::PortFactory<Ipc, Message, (), Reply, ()>;
+type WakeService = event::PortFactory<Ipc>;
+type Asked = ActiveRequest<Ipc, Message, (), Reply, ()>;
+
+impl From<RunCommand> for Message {
+    fn from(command: RunCommand) -> Message {
+        let (kind, confirmation) = match command {
+            RunCommand::Look => (0, Confirmation::default()),
+            RunCommand::Stop => (1, Confirmation::default()),
+            RunCommand::EmergencyStop => (2, Confirmation::default()),
+            RunCommand::Confirm(confirmation) => (3, confirmation),
+        };
+        Message {
+            version: VERSION,
+            kind,
+            request: confirmation.request.map_or(NONE, u64::from),
+            volume_ml: confirmation.volume_ml.unwrap_or(0.0),
+            has_volume: u32::from(confirmation.volume_ml.is_some()),
+            reserved: 0,
+        }
+    }
+}
+
+impl Message {
+    fn command(&self) -> Option<RunCommand> {
+        if self.version != VERSION {
+            return None;
+        }
+        Some(match self.kind {
+            0 => RunCommand::Look,
+            1 => RunCommand::Stop,
+            2 => RunCommand::EmergencyStop,
+            3 => RunCommand::Confirm(Confirmation {
+                request: u32::try_from(self.request).ok(),
+                volume_ml: (self.has_volume != 0).then_some(self.volume_ml),
+            }),
+            _ => return None,
+        })
+    }
+}
+
+impl Reply {
+    fn new(taken: Option<Result<Option<u64>, Refusal>>, open: Option<Waiting>, text: &str) -> Reply {
+        let (outcome, tick) = match taken {
+            None => (UNKNOWN, None),
+            Some(Ok(tick)) => (0, tick),
+            Some(Err(refusal)) => {
+                (1 + Refusal::ALL.iter().position(|&other| other == refusal).unwrap_or(0) as u32, None)
+            }
+        };
+        let fits = (0..=text.len().min(TEXT_BYTES)).rev().find(|&end| text.is_char_boundary(end)).unwrap_or(0);
+        let mut bytes = [0; TEXT_BYTES];
+        bytes[..fits].copy_from_slice(&text.as_bytes()[..fits]);
+        Reply {
+            version: VERSION,
+            outcome,
+            tick: tick.unwrap_or(NONE),
+            request: open.map_or(NONE, |open| u64::from(open.request)),
+            has_amount: u32::from(open.is_some_and(|open| open.amount.is_some())),
+            text_len: fits as u32,
+            text: bytes,
+        }
+    }
+
+    fn answer(&self) -> Option<Answer> {
+        if self.version != VERSION || self.outcome == UNKNOWN {
+            return None;
+        }
+        let taken = match self.outcome {
+            0 => Ok(Some(self.tick).filter(|&tick| tick != NONE)),
+            refused => Err(*Refusal::ALL.get(refused as usize - 1)?),
+        };
+        let open = u32::try_from(self.request).ok();
+        let amount = (self.has_amount != 0).then_some(Amount::VolumeMl);
+        let text = self.text.get(..self.text_len as usize)?;
+        Some(Answer {
+            taken,
+            open: open.map(|request| Waiting { request, amount }),
+            text: String::from_utf8_lossy(text).into_owned(),
+        })
+    }
+}
+
+fn failed(instance: &str, what: &'static str, cause: &dyn std::fmt::Display) -> LinkError {
+    LinkError::Open { instance: instance.to_owned(), what, cause: cause.to_string() }
+}
+
+fn node(instance: &str) -> Result<(Node<Ipc>, ServiceName, ServiceName), LinkError> {
+    validate_instance(instance)?;
+    quieten();
+    let node = NodeBuilder::new().signal_handling_mode(SignalHandlingMode::Disabled).create::<Ipc>();
+    let node = node.map_err(|e| failed(instance, "create a node", &e))?;
+    // What a killed service left behind would take a command without anybody hearing it.
+    node.try_cleanup_dead_nodes();
+    let name = |part: &str| {
+        let name = ServiceName::new(&format!("rec-bench/{instance}/{part}"));
+        name.map_err(|e| failed(instance, "name a service", &e))
+    };
+    let (command, wake) = (name("command")?, name("command-wake")?);
+    Ok((node, command, wake))
+}
+
+/// The run's end. Belongs to the thread that opened it, which is not the loop's.
+#[derive(Debug)]
+pub struct CommandServer {
+    server: Server<Ipc, Message, (), Reply, ()>,
+    listener: Listener<Ipc>,
+    /// Confirmations in their order; the first one is with the loop since then, once it could be offered.
+    confirming: VecDeque<(Asked, Confirmation)>,
+    offered: Option<Instant>,
+    _command: CommandService,
+    _wake: WakeService,
+    _node: Node<Ipc>,
+    instance: String,
+}
+
+impl CommandServer {
+    /// Listens for commands to `instance`.
+    ///
+    /// # Errors
+    /// A name that is none, no shared memory.
+    pub fn open(instance: &str) -> Result<Self, LinkError> {
+        let (node, command_name, wake_name) = node(instance)?;
+        let command = patiently(|| {
+            node.service_builder(&command_name)
+                .request_response::<Message, Reply>()
+                .enable_safe_overflow_for_requests(false)
+                .enable_safe_overflow_for_responses(false)
+                .max_active_requests_per_client(2)
+                .max_response_buffer_size(2)
+                .max_clients(MAX_CLIENTS)
+                .max_servers(MAX_SERVERS)
+                .max_nodes(MAX_NODES)
+                .open_or_create()
+        })
+        .map_err(|e| failed(instance, "open the command service", &e))?;
+        let wake = patiently(|| {
+            node.service_builder(&wake_name)
+                .event()
+                .max_notifiers(MAX_CLIENTS)
+                .max_listeners(MAX_SERVERS)
+                .max_nodes(MAX_NODES)
+                .open_or_create()
+        })
+        .map_err(|e| failed(instance, "open the command's wake service", &e))?;
+        let listener = wake.listener_builder().create();
+        let listener = listener.map_err(|e| failed(instance, "create the command's listener", &e))?;
+        let server = command.server_builder().backpressure_strategy(BackpressureStrategy::DiscardData).create();
+        let server = server.map_err(|e| failed(instance, "create the command server", &e))?;
+        Ok(CommandServer {
+            server,
+            listener,
+            confirming: VecDeque::new(),
+            offered: None,
+            _command: command,
+            _wake: wake,
+            _node: node,
+            instance: instance.to_owned(),
+        })
+    }
+
+    /// Waits up to `timeout` for commands and does what they say with the switches. `text` says in words what the run asks for now.
+    ///
+    /// # Errors
+    /// The transport failed.
+    pub fn serve(
+        &mut self,
+        timeout: Duration,
+        switches: &Switches,
+        text: &dyn Fn() -> String,
+    ) -> Result<(), LinkError> {
+        let broken =
+            |instance: &str, what, cause: String| LinkError::Transport { instance: instance.to_owned(), what, cause };
+        let timeout = if self.confirming.is_empty() { timeout } else { LOOK };
+        match self.listener.timed_wait(|_| (), timeout) {
+            Ok(_) | Err(ListenerWaitError::InterruptSignal) => {}
+            Err(error) => return Err(broken(&self.instance, "waiting for a command", error.to_string())),
+        }
+        while let Some(asked) =
+            self.server.receive().map_err(|e| broken(&self.instance, "taking a command", e.to_string()))?
+        {
+            let taken = match asked.payload().command() {
+                None => None,
+                Some(RunCommand::Look) => Some(Ok(None)),
+                Some(RunCommand::Stop) => {
+                    switches.stop.store(true, Ordering::Relaxed);
+                    Some(Ok(None))
+                }
+                Some(RunCommand::EmergencyStop) => {
+                    switches.emergency_stop.store(true, Ordering::Relaxed);
+                    Some(Ok(None))
+                }
+                Some(RunCommand::Confirm(confirmation)) => {
+                    self.confirming.push_back((asked, confirmation));
+                    continue;
+                }
+            };
+            answer(&asked, taken, switches, text);
+        }
+        self.confirm(switches, text);
+        Ok(())
+    }
+
+    /// Goes on with the confirmations, without waiting for the loop.
+    fn confirm(&mut self, switches: &Switches, text: &dyn Fn() -> String) {
+        let slot = &switches.confirmations;
+        while let Some((asked, confirmation)) = self.confirming.front() {
+            let Some(since) = self.offered else {
+                // Where the slot is taken, somebody at the run's own terminal was first.
+                if !slot.offer(*confirmation) {
+                    return;
+                }
+                self.offered = Some(Instant::now());
+                return;
+            };
+            let verdict = match slot.verdict() {
+                Some(verdict) => verdict.map(Some),
+                None if since.elapsed() >= VERDICT_PATIENCE && slot.withdraw() => Err(Refusal::NoAnswer),
+                None => return,
+            };
+            answer(asked, Some(verdict), switches, text);
+            self.offered = None;
+            self.confirming.pop_front();
+        }
+    }
+}
+
+/// A client that is gone needs no answer.
+fn answer(asked: &Asked, taken: Option<Result<Option<u64>, Refusal>>, switches: &Switches, text: &dyn Fn() -> String) {
+    let _ = asked.send_copy(Reply::new(taken, switches.confirmations.waiting(), &text()));
+}
+
+/// Sends a command to the run of `instance` and waits for its answer, up to `patience`.
+///
+/// # Errors
+/// No service of this name listens, or it does not answer in time.
+pub fn send_command(instance: &str, command: RunCommand, patience: Duration) -> Result<Answer, LinkError> {
+    let (node, command_name, wake_name) = node(instance)?;
+    let nobody = || LinkError::Nobody { instance: instance.to_owned() };
+    let service =
+        node.service_builder(&command_name).request_response::<Message, Reply>().open().map_err(|_| nobody())?;
+    let wake = node.service_builder(&wake_name).event().open().map_err(|_| nobody())?;
+    let client = service.client_builder().backpressure_strategy(BackpressureStrategy::DiscardData).create();
+    let client = client.map_err(|e| failed(instance, "create the command's client", &e))?;
+    let notifier = wake.notifier_builder().create();
+    let notifier = notifier.map_err(|e| failed(instance, "create the command's notifier", &e))?;
+    let pending = client.send_copy(command.into()).map_err(|e| failed(instance, "send the command", &e))?;
+    if pending.number_of_server_connections() == 0 {
+        return Err(nobody());
+    }
+    // A server that is not woken looks by itself, a little later.
+    let _ = notifier.notify();
+    let begun = Instant::now();
+    loop {
+        let reply = pending.receive().map_err(|e| failed(instance, "take the answer", &e))?;
+        if let Some(reply) = reply {
+            let other = || failed(instance, "use the answer", &"it is of another version");
+            return reply.payload().answer().ok_or_else(other);
+        }
+        let waited = begun.elapsed();
+        if waited >= patience {
+            let what = format!("the answer of instance {instance:?}");
+            return Err(LinkError::Timeout { what, waited_s: waited.as_secs_f64() });
+        }
+        std::thread::sleep(LOOK);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_command_and_its_answer_come_through_as_they_were() {
+        let confirmation = Confirmation { request: Some(7), volume_ml: Some(-0.25) };
+        for command in [
+            RunCommand::Look,
+            RunCommand::Stop,
+            RunCommand::EmergencyStop,
+            RunCommand::Confirm(confirmation),
+            RunCommand::Confirm(Confirmation::default()),
+        ] {
+            assert_eq!(Message::from(command).command(), Some(command));
+            assert_eq!(Message { version: VERSION + 1, ..command.into() }.command(), None);
+        }
+        assert_eq!(Message { kind: 9, ..RunCommand::Stop.into() }.command(), None);
+        let open = Some(Waiting { request: 0, amount: Some(Amount::VolumeMl) });
+        let refused = Refusal::ALL.map(Err);
+        for taken in [Ok(None), Ok(Some(0)), Ok(Some(123))].into_iter().chain(refused) {
+            let answer = Reply::new(Some(taken), open, "clamp it").answer();
+            assert_eq!(answer, Some(Answer { taken, open, text: "clamp it".to_owned() }));
+        }
+        assert_eq!(Reply::new(None, None, "").answer(), None);
+        let long = Reply::new(Some(Ok(None)), None, &"ä".repeat(300)).answer().map(|answer| answer.text);
+        assert_eq!(long, Some("ä".repeat(TEXT_BYTES / 2)));
+    }
+}
