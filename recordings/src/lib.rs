@@ -5,6 +5,7 @@
 mod alignment;
 mod campaign;
 mod campaign_toml;
+mod chunk;
 mod csv_reader;
 mod csv_writer;
 mod ending;
@@ -17,6 +18,7 @@ mod recovery;
 mod rows;
 mod run_metadata;
 mod run_record;
+mod sample_message;
 mod succession;
 mod survey;
 mod vocabulary;

@@ -1,24 +1,23 @@
 //! An MCAP recording to samples, as a stream: memory holds one chunk at a time. All checksums of the file are checked.
 
-use std::collections::HashMap;
 use std::fs::File;
-use std::io::{self, BufReader, Read};
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
-use mcap::records::{Channel, Metadata, Record, op};
+use mcap::records::{Channel, Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::{McapError, parse_record};
 use rt_core::{LossCertificate, Sample};
 
-use crate::alignment::Alignment;
+use crate::chunk::{self, Chunk, Inner};
 use crate::error::Place;
 use crate::run_metadata::{AmplifierReport, Event, RunMetadata};
 use crate::succession::{Misfit, Succession};
 use crate::wire::{self, BadField};
-use crate::{CampaignError, Plane, Protocol, Recording};
+use crate::{CampaignError, Plane, Protocol, Recording, Rows};
 
-/// No record or chunk of ours comes near this; a damaged length field must not ask for more memory.
-const LONGEST_RECORD: usize = 64 * 1024 * 1024;
+/// Bytes that are read from the file at a time, at least.
+const READ_BYTES: usize = 256 * 1024;
 
 const REMEDY: &str =
     "nothing of the file is used: copy it again, record the run again, or rescue what is sound with `bench recover`";
@@ -42,7 +41,8 @@ pub struct McapReader {
     path: PathBuf,
     records: Records,
     run: RunMetadata,
-    topics: HashMap<u16, Topic>,
+    topics: Topics,
+    chunk: Chunk,
     samples: Succession,
     certificate: Option<LossCertificate>,
     done: bool,
@@ -57,15 +57,23 @@ impl McapReader {
         let file = File::open(path).map_err(|source| CampaignError::read(path, source))?;
         let mut records = Records::new(file);
         let run = loop {
-            let found = records.next(|record| match record {
-                Record::Metadata(metadata) if metadata.name == wire::RUN_RECORD => Some(Ok(metadata)),
-                Record::Header(_) => None,
-                _ => Some(Err(())),
+            let found = records.next(|opcode, data| match opcode {
+                op::HEADER => Ok(None),
+                op::METADATA => parse_record(opcode, data).map(|record| match record {
+                    Record::Metadata(metadata) if metadata.name == wire::RUN_RECORD => Some(Some(metadata)),
+                    _ => Some(None),
+                }),
+                _ => Ok(Some(None)),
             });
+            let found = match found {
+                Ok(Some(found)) => found.map_err(Broken::Content),
+                Ok(None) => Ok(Some(None)),
+                Err(broken) => Err(broken),
+            };
             match found.map_err(|broken| broken.explain(path, 0, 0))? {
-                Some(Some(Ok(metadata))) => break metadata,
-                Some(None) => {}
-                Some(Some(Err(()))) | None => {
+                Some(Some(metadata)) => break metadata,
+                None => {}
+                Some(None) => {
                     let expected = format!("the metadata record \"{}\" before anything else", wire::RUN_RECORD);
                     let got = "an MCAP file without it";
                     let remedy = "only recordings of this project's format are read; export others to CSV";
@@ -78,7 +86,8 @@ impl McapReader {
             path: path.to_owned(),
             records,
             run,
-            topics: HashMap::new(),
+            topics: Topics::default(),
+            chunk: Chunk::default(),
             samples: Succession::default(),
             certificate: None,
             done: false,
@@ -105,38 +114,127 @@ impl McapReader {
         self.samples.last().map_or(0, |last| last.tick + 1)
     }
 
-    fn advance(&mut self) -> Result<Option<Item>, CampaignError> {
+    /// Goes on to the next item. Where it is a sample it is left in `sample`: whoever reads millions of them copies each but once.
+    #[inline]
+    pub(crate) fn advance(&mut self, sample: &mut Sample) -> Result<Step, CampaignError> {
+        let step = self.step(sample);
+        match &step {
+            Ok(Step::Sample | Step::Other(_)) => {}
+            Ok(Step::End) => self.done = true,
+            Err(_) => {
+                self.done = true;
+                self.certificate = None;
+            }
+        }
+        step
+    }
+
+    #[inline]
+    fn step(&mut self, sample: &mut Sample) -> Result<Step, CampaignError> {
+        if self.done {
+            return Ok(Step::End);
+        }
         loop {
-            let topics = &self.topics;
-            let found = self.records.next(|record| Found::of(record, topics));
-            match found.map_err(|broken| broken.explain(&self.path, self.samples(), self.next_tick()))? {
-                Some(Found::Message(Ok(Item::Sample(sample)))) => {
-                    self.check(&sample)?;
-                    self.samples.push(&sample);
-                    return Ok(Some(Item::Sample(sample)));
-                }
-                Some(Found::Message(Ok(other))) => return Ok(Some(other)),
-                Some(Found::Message(Err(got))) => {
-                    let at = Place::file(&self.path).tick(self.next_tick());
-                    let remedy = "use the version of the program that wrote the file";
-                    return Err(CampaignError::content(at, "a message of this format", got, remedy));
-                }
-                Some(Found::Channel { id, topic }) => {
-                    self.topics.insert(id, topic);
-                }
-                Some(Found::Loss(metadata)) => {
-                    let certificate = wire::loss_of(&metadata.metadata).map_err(|bad| bad_field(&self.path, bad))?;
-                    self.certificate = Some(certificate);
-                }
-                Some(Found::Other) => {}
-                None => return self.check_end().map(|()| None),
+            // Inside a chunk first: that is where the messages are.
+            let record = match self.chunk.next_record() {
+                Ok(Some(record)) => record,
+                Ok(None) => match self.outside(sample)? {
+                    Some(step) => return Ok(step),
+                    None => continue,
+                },
+                Err(error) => return Err(self.explain(Broken::Content(error))),
+            };
+            match record {
+                Inner::Message { channel, window, length } => match self.topics.of(channel) {
+                    Some(Topic::Sample) => {
+                        if let Err(got) = wire::decode_sample_in(window, length, sample) {
+                            return Err(self.not_of_this_format(got));
+                        }
+                        return self.follows(sample).map(|()| Step::Sample);
+                    }
+                    Some(topic) => {
+                        let item = topic.decode(Inner::message(window, length));
+                        return item.map(Step::Other).map_err(|got| self.not_of_this_format(got));
+                    }
+                    None => {}
+                },
+                Inner::Other(op::CHANNEL, data) => match parse_record(op::CHANNEL, data) {
+                    Ok(Record::Channel(channel)) => drop(self.topics.learn(&channel)),
+                    Ok(_) => {}
+                    Err(error) => return Err(self.explain(Broken::Content(error))),
+                },
+                Inner::Other(..) => {}
             }
         }
     }
 
-    fn check(&self, sample: &Sample) -> Result<(), CampaignError> {
-        let Some(Misfit { column, expected, got }) = self.samples.misfit(sample) else { return Ok(()) };
-        Err(CampaignError::content(Place::file(&self.path).tick(sample.tick).column(column), expected, got, REMEDY))
+    /// Whether the sample may follow those before it; if so, it is one of them from now on.
+    #[inline]
+    fn follows(&mut self, sample: &Sample) -> Result<(), CampaignError> {
+        if let Some(Misfit { column, expected, got }) = self.samples.misfit(sample) {
+            let at = Place::file(&self.path).tick(sample.tick).column(column);
+            return Err(CampaignError::content(at, expected, got, REMEDY));
+        }
+        self.samples.push(sample);
+        Ok(())
+    }
+
+    /// What stands outside of chunks: a chunk is opened, most else is passed over.
+    fn outside(&mut self, sample: &mut Sample) -> Result<Option<Step>, CampaignError> {
+        enum Found {
+            Chunk(Result<(), McapError>),
+            Record(Result<Record<'static>, McapError>),
+            Other,
+        }
+        let chunk = &mut self.chunk;
+        let found = self.records.next(|opcode, data| match opcode {
+            op::CHUNK => Found::Chunk(chunk.open(data)),
+            // What is not used is not parsed, either: the fewer lengths of a damaged file are believed, the better.
+            op::CHANNEL | op::MESSAGE | op::METADATA => {
+                Found::Record(parse_record(opcode, data).map(Record::into_owned))
+            }
+            _ => Found::Other,
+        });
+        let record = match found.map_err(|broken| self.explain(broken))? {
+            None => return self.check_end().map(|()| Some(Step::End)),
+            Some(Found::Other | Found::Chunk(Ok(()))) => return Ok(None),
+            Some(Found::Chunk(Err(error))) => Err(error),
+            Some(Found::Record(record)) => record,
+        };
+        match record.map_err(|error| self.explain(Broken::Content(error)))? {
+            Record::Message { header, data } => {
+                let Some(topic) = self.topics.of(header.channel_id) else { return Ok(None) };
+                match topic.decode(&data).map_err(|got| self.not_of_this_format(got))? {
+                    Item::Sample(found) => {
+                        *sample = found;
+                        self.follows(sample).map(|()| Some(Step::Sample))
+                    }
+                    other => Ok(Some(Step::Other(other))),
+                }
+            }
+            Record::Channel(channel) => {
+                self.topics.learn(&channel);
+                Ok(None)
+            }
+            Record::Metadata(metadata) if metadata.name == wire::LOSS_RECORD => {
+                let certificate = wire::loss_of(&metadata.metadata).map_err(|bad| bad_field(&self.path, bad))?;
+                self.certificate = Some(certificate);
+                Ok(None)
+            }
+            _ => Ok(None),
+        }
+    }
+
+    #[cold]
+    fn explain(&self, broken: Broken) -> CampaignError {
+        broken.explain(&self.path, self.samples(), self.next_tick())
+    }
+
+    #[cold]
+    fn not_of_this_format(&self, got: String) -> CampaignError {
+        let at = Place::file(&self.path).tick(self.next_tick());
+        let remedy = "use the version of the program that wrote the file";
+        CampaignError::content(at, "a message of this format", got, remedy)
     }
 
     fn check_end(&self) -> Result<(), CampaignError> {
@@ -155,21 +253,28 @@ impl McapReader {
     }
 }
 
+/// What [`McapReader::advance`] came to.
+pub(crate) enum Step {
+    /// A sample, in the caller's memory.
+    Sample,
+    /// Anything else.
+    Other(Item),
+    /// The end of a whole recording.
+    End,
+}
+
 impl Iterator for McapReader {
     type Item = Result<Item, CampaignError>;
 
+    #[inline]
     fn next(&mut self) -> Option<Self::Item> {
-        if self.done {
-            return None;
+        let mut sample = Sample::BLANK;
+        match self.advance(&mut sample) {
+            Ok(Step::Sample) => Some(Ok(Item::Sample(sample))),
+            Ok(Step::Other(item)) => Some(Ok(item)),
+            Ok(Step::End) => None,
+            Err(error) => Some(Err(error)),
         }
-        let item = self.advance();
-        if !matches!(item, Ok(Some(_))) {
-            self.done = true;
-        }
-        if item.is_err() {
-            self.certificate = None;
-        }
-        item.transpose()
     }
 }
 
@@ -179,44 +284,30 @@ pub(crate) fn read_recording(
     protocol: Protocol,
     plane: Option<Plane>,
 ) -> Result<Recording, CampaignError> {
-    let mut reader = McapReader::open(path)?;
+    let mut rows = Rows::open(path)?;
+    let run = rows.run();
     let disagrees = |key: &str, campaign: &str, recording: &str| {
         let at = Place::file(path).column(key);
         let remedy = "correct campaign.toml, or use the recording that belongs there";
         Err(CampaignError::content(at, format!("{campaign:?} as in the campaign"), format!("{recording:?}"), remedy))
     };
-    if reader.run().protocol != protocol {
-        return disagrees("protocol", protocol.as_str(), reader.run().protocol.as_str());
+    if run.protocol != protocol {
+        return disagrees("protocol", protocol.as_str(), run.protocol.as_str());
     }
     if let Some(plane) = plane
-        && reader.run().plane != plane
+        && run.plane != plane
     {
-        return disagrees("plane", plane.as_str(), reader.run().plane.as_str());
+        return disagrees("plane", plane.as_str(), run.plane.as_str());
     }
-    let (mut recording, mut alignment) = (Recording::default(), Alignment::default());
-    for item in &mut reader {
-        if let Item::Sample(sample) = item? {
-            recording.push_sample(&sample);
-            alignment.push(&sample);
-        }
+    let mut recording = Recording::default();
+    for block in &mut rows {
+        recording.append(block?);
     }
-    if let Some(certificate) = reader.certificate()
-        && !certificate.is_lossless()
-    {
-        let at = match certificate.gaps.first() {
-            Some((first, _)) => Place::file(path).tick(*first),
-            None => Place::file(path),
-        };
-        let remedy = "the command in a gap is unknown, so the run can't be simulated: record it again";
-        return Err(CampaignError::content(at, "a recording without loss", certificate.to_string(), remedy));
-    }
-    alignment.apply(&mut recording);
-    recording.check_whole(protocol, Place::file(path))?;
     Ok(recording)
 }
 
 /// A topic that is read.
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Topic {
     Sample,
     Event,
@@ -225,7 +316,7 @@ pub(crate) enum Topic {
 
 impl Topic {
     /// `None`: one that is ignored.
-    pub(crate) fn of(channel: &Channel) -> Option<Topic> {
+    fn named(channel: &Channel) -> Option<Topic> {
         match channel.topic.as_str() {
             _ if channel.message_encoding != wire::ENCODING => None,
             wire::SAMPLE_TOPIC => Some(Topic::Sample),
@@ -234,38 +325,52 @@ impl Topic {
             _ => None,
         }
     }
-}
 
-/// What matters of a record here.
-enum Found {
-    Channel { id: u16, topic: Topic },
-    Message(Result<Item, String>),
-    Loss(Metadata),
-    Other,
-}
-
-impl Found {
-    fn of(record: Record<'_>, topics: &HashMap<u16, Topic>) -> Found {
-        match record {
-            Record::Message { header, data } => match topics.get(&header.channel_id) {
-                Some(Topic::Sample) => Found::Message(wire::decode_sample(&data).map(Item::Sample)),
-                Some(Topic::Event) => Found::Message(wire::decode_event(&data).map(Item::Event)),
-                Some(Topic::Amplifier) => Found::Message(wire::decode_amplifier(&data).map(Item::Amplifier)),
-                None => Found::Other,
-            },
-            Record::Channel(channel) => match Topic::of(&channel) {
-                Some(topic) => Found::Channel { id: channel.id, topic },
-                None => Found::Other,
-            },
-            Record::Metadata(metadata) if metadata.name == wire::LOSS_RECORD => Found::Loss(metadata),
-            _ => Found::Other,
+    /// The message's content, or what is wrong with it.
+    pub(crate) fn decode(self, message: &[u8]) -> Result<Item, String> {
+        match self {
+            Topic::Sample => wire::decode_sample(message).map(Item::Sample),
+            Topic::Event => wire::decode_event(message).map(Item::Event),
+            Topic::Amplifier => wire::decode_amplifier(message).map(Item::Amplifier),
         }
     }
 }
 
-/// The file's records, one at a time, those inside chunks included.
+/// The topics that are read, by the numbers of their channels. There are few.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Topics(Vec<(u16, Topic)>);
+
+impl Topics {
+    /// As this project has always numbered them.
+    pub(crate) fn usual() -> Topics {
+        Topics(vec![
+            (wire::SAMPLE_CHANNEL, Topic::Sample),
+            (wire::EVENT_CHANNEL, Topic::Event),
+            (wire::AMPLIFIER_CHANNEL, Topic::Amplifier),
+        ])
+    }
+
+    #[inline]
+    pub(crate) fn of(&self, channel: u16) -> Option<Topic> {
+        self.0.iter().find(|(number, _)| *number == channel).map(|(_, topic)| *topic)
+    }
+
+    /// Takes a channel in, if it is of a topic that is read; false: it is not. The last one of a number counts.
+    pub(crate) fn learn(&mut self, channel: &Channel) -> bool {
+        let Some(topic) = Topic::named(channel) else { return false };
+        self.0.retain(|(number, _)| *number != channel.id);
+        self.0.push((channel.id, topic));
+        true
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+}
+
+/// The file's records outside of chunks, one at a time; a chunk is one of them.
 struct Records {
-    file: BufReader<File>,
+    file: File,
     reader: LinearReader,
 }
 
@@ -278,34 +383,25 @@ enum Broken {
 impl Records {
     fn new(file: File) -> Self {
         let options = LinearReaderOptions::default()
-            .with_prevalidate_chunk_crcs(true)
+            .with_emit_chunks(true)
             .with_validate_data_section_crc(true)
             .with_validate_summary_section_crc(true)
             .with_check_finishes_after_end_magic(true)
-            .with_record_length_limit(LONGEST_RECORD);
-        Self { file: BufReader::with_capacity(256 * 1024, file), reader: LinearReader::new_with_options(options) }
+            .with_record_length_limit(chunk::LONGEST);
+        Self { file, reader: LinearReader::new_with_options(options) }
     }
 
-    /// Hands the next record to `take`; `None` at the end of a complete file.
-    fn next<T>(&mut self, take: impl FnOnce(Record<'_>) -> T) -> Result<Option<T>, Broken> {
+    /// Hands the next record's opcode and content to `take`; `None` at the end of a complete file.
+    fn next<T>(&mut self, take: impl FnOnce(u8, &[u8]) -> T) -> Result<Option<T>, Broken> {
         loop {
             match self.reader.next_event() {
                 None => return Ok(None),
                 Some(Err(error)) => return Err(Broken::Content(error)),
                 Some(Ok(LinearReadEvent::ReadRequest(bytes))) => {
-                    let read = self.file.read(self.reader.insert(bytes)).map_err(Broken::System)?;
+                    let read = self.file.read(self.reader.insert(bytes.max(READ_BYTES))).map_err(Broken::System)?;
                     self.reader.notify_read(read);
                 }
-                Some(Ok(LinearReadEvent::Record { opcode, data })) => {
-                    let used = matches!(opcode, op::HEADER | op::CHANNEL | op::MESSAGE | op::METADATA);
-                    // What is not used is not parsed, either: the fewer lengths of a damaged file are believed, the better.
-                    let record = if used {
-                        parse_record(opcode, data)
-                    } else {
-                        Ok(Record::Unknown { opcode, data: data.into() })
-                    };
-                    return record.map(|record| Some(take(record))).map_err(Broken::Content);
-                }
+                Some(Ok(LinearReadEvent::Record { opcode, data })) => return Ok(Some(take(opcode, data))),
             }
         }
     }

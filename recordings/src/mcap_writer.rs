@@ -20,6 +20,9 @@ use crate::wire;
 const CHUNK_BYTES: u64 = 128 * 1024;
 /// Scheduled time that a chunk spans at most, ns. A logger that is killed loses the chunk that is open.
 const CHUNK_NS: u64 = 500_000_000;
+/// Level of zstd. Levels below zero pack less and are unpacked faster: this one costs a tenth more room than level 1 and takes half as
+/// long to read.
+const PACKING: i32 = -3;
 /// Bytes of a message record besides the message.
 const MESSAGE_OVERHEAD: u64 = 31;
 
@@ -73,6 +76,7 @@ impl McapWriter {
             .profile(LIBRARY)
             .library(LIBRARY)
             .compression(Some(Compression::Zstd))
+            .compression_level(PACKING.cast_unsigned())
             .compression_threads(0) // in this thread: packed bytes must not depend on the number of cores
             .chunk_size(Some(2 * CHUNK_BYTES)) // this writer closes them itself, before that
             .disable_seeking(true) // chunks reach the file whole, so that a crash leaves complete ones

@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use rt_core::Sample;
+use rt_core::{Measurement, Sample};
 
 use crate::error::Place;
-use crate::{CampaignError, Protocol, alignment, csv_reader, csv_writer, mcap_reader};
+use crate::{CampaignError, Protocol, csv_reader, csv_writer, mcap_reader};
 
 /// A run as columns of equal length, one row a sample; NaN = missing value. Units and sign convention as in the
 /// contract; voltage and valves of a row act from its time to the next row's, the other columns are the state at its time.
@@ -86,10 +86,11 @@ impl Recording {
         }
     }
 
-    pub(crate) fn push_sample(&mut self, sample: &Sample) {
+    /// `measured`: what of the sample's measurement its device does not call wrong.
+    #[inline]
+    pub(crate) fn push_sample(&mut self, sample: &Sample, measured: &Measurement) {
         self.time_s.push(sample.time_s());
         self.voltage_v.push(sample.voltage_v);
-        let measured = alignment::sound(sample);
         self.angle_deg.push(measured.angle_deg);
         self.pressure1_bar.push(measured.pressure1_bar);
         self.pressure2_bar.push(measured.pressure2_bar);
@@ -100,31 +101,38 @@ impl Recording {
         self.segment.push(i64::from(sample.segment));
     }
 
-    /// Some of the rows.
-    pub(crate) fn rows(&self, range: std::ops::Range<usize>) -> Recording {
-        Recording {
-            time_s: self.time_s[range.clone()].to_vec(),
-            voltage_v: self.voltage_v[range.clone()].to_vec(),
-            angle_deg: self.angle_deg[range.clone()].to_vec(),
-            pressure1_bar: self.pressure1_bar[range.clone()].to_vec(),
-            pressure2_bar: self.pressure2_bar[range.clone()].to_vec(),
-            torque_nm: self.torque_nm[range.clone()].to_vec(),
-            volume_ml: self.volume_ml[range.clone()].to_vec(),
-            brake_open: self.brake_open[range.clone()].to_vec(),
-            bypass_open: self.bypass_open[range.clone()].to_vec(),
-            segment: self.segment[range].to_vec(),
+    /// Appends rows that follow.
+    pub(crate) fn append(&mut self, mut rows: Recording) {
+        if self.is_empty() {
+            *self = rows;
+            return;
         }
+        self.time_s.append(&mut rows.time_s);
+        self.voltage_v.append(&mut rows.voltage_v);
+        self.angle_deg.append(&mut rows.angle_deg);
+        self.pressure1_bar.append(&mut rows.pressure1_bar);
+        self.pressure2_bar.append(&mut rows.pressure2_bar);
+        self.torque_nm.append(&mut rows.torque_nm);
+        self.volume_ml.append(&mut rows.volume_ml);
+        self.brake_open.append(&mut rows.brake_open);
+        self.bypass_open.append(&mut rows.bypass_open);
+        self.segment.append(&mut rows.segment);
     }
 
-    /// Leaves the first `rows` rows.
-    pub(crate) fn truncate(&mut self, rows: usize) {
-        let Recording { time_s, voltage_v, angle_deg, pressure1_bar, pressure2_bar, torque_nm, volume_ml, .. } = self;
-        for column in [time_s, voltage_v, angle_deg, pressure1_bar, pressure2_bar, torque_nm, volume_ml] {
-            column.truncate(rows);
+    /// Leaves the first `rows` rows, and gives the others.
+    pub(crate) fn split_off(&mut self, rows: usize) -> Recording {
+        Recording {
+            time_s: self.time_s.split_off(rows),
+            voltage_v: self.voltage_v.split_off(rows),
+            angle_deg: self.angle_deg.split_off(rows),
+            pressure1_bar: self.pressure1_bar.split_off(rows),
+            pressure2_bar: self.pressure2_bar.split_off(rows),
+            torque_nm: self.torque_nm.split_off(rows),
+            volume_ml: self.volume_ml.split_off(rows),
+            brake_open: self.brake_open.split_off(rows),
+            bypass_open: self.bypass_open.split_off(rows),
+            segment: self.segment.split_off(rows),
         }
-        self.brake_open.truncate(rows);
-        self.bypass_open.truncate(rows);
-        self.segment.truncate(rows);
     }
 
     /// The columns that hold measured values, by name.
@@ -136,13 +144,6 @@ impl Recording {
             ("torque_nm", &self.torque_nm),
             ("volume_ml", &self.volume_ml),
         ]
-    }
-
-    /// What a file of this protocol must hold as a whole, see [`Whole`]. `start` is the place of the first row.
-    pub(crate) fn check_whole(&self, protocol: Protocol, start: Place) -> Result<(), CampaignError> {
-        let mut whole = Whole::default();
-        whole.count(self, 0);
-        whole.check(protocol, start)
     }
 }
 

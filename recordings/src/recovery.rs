@@ -1,21 +1,22 @@
 //! Rescue of a truncated or damaged recording: every complete chunk comes back, in a new file; nothing is invented.
 
-use std::collections::HashMap;
 use std::fmt;
 use std::fs::File;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use mcap::records::Record;
+use mcap::parse_record;
+use mcap::records::{Record, op};
 use rt_core::{LossCertificate, Sample};
 
+use crate::CampaignError;
+use crate::chunk::{Chunk, Inner};
 use crate::error::Place;
-use crate::mcap_reader::{Item, Topic};
+use crate::mcap_reader::{Item, Topics};
 use crate::mcap_writer::McapWriter;
 use crate::part_file::Existing;
 use crate::run_metadata::RunMetadata;
-use crate::survey::{Survey, chunk_records, read};
-use crate::{CampaignError, wire};
+use crate::survey::{Survey, open_chunk, read};
 
 /// Bytes of a file that are no sound record.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -71,9 +72,14 @@ pub fn recover(source: &Path, target: &Path, unknown: &RunMetadata) -> Result<Re
 
     let mut writer = McapWriter::create_as(target, &run, Existing::Rescue)?;
     let mut tally = Tally::default();
+    let mut open = Chunk::default();
     for chunk in &survey.chunks {
-        for item in messages(source, &file, chunk, &topics)? {
-            match item {
+        reopen(&mut open, source, &file, chunk)?;
+        while let Ok(Some(record)) = open.next_record() {
+            let Inner::Message { channel, window, length } = record else { continue };
+            let Some(topic) = topics.of(channel) else { continue };
+            let item = topic.decode(Inner::message(window, length));
+            match item.map_err(|got| unread(source, chunk, got))? {
                 Item::Sample(sample) => tally.sample(&mut writer, &sample)?,
                 Item::Event(event) => {
                     writer.write_event(&event)?;
@@ -148,20 +154,19 @@ fn certificate(writer: &McapWriter, of_source: Option<&LossCertificate>, ended: 
 }
 
 /// The topic of each channel: as the file's sound chunks say, or as this project has always numbered them.
-fn topics(source: &Path, file: &File, survey: &Survey) -> Result<HashMap<u16, Topic>, CampaignError> {
-    let mut topics = HashMap::new();
+fn topics(source: &Path, file: &File, survey: &Survey) -> Result<Topics, CampaignError> {
+    let mut topics = Topics::default();
     let mut foreign = false;
+    let mut open = Chunk::default();
     for chunk in &survey.chunks {
-        let bytes = read(file, chunk.clone()).map_err(|error| CampaignError::read(source, error))?;
-        // Proven by the survey; should the file have changed since, there is nothing to take.
-        chunk_records(&bytes, |record| {
-            if let Record::Channel(channel) = record {
-                match Topic::of(&channel) {
-                    Some(topic) => drop(topics.insert(channel.id, topic)),
-                    None => foreign = true,
-                }
+        reopen(&mut open, source, file, chunk)?;
+        while let Ok(Some(record)) = open.next_record() {
+            if let Inner::Other(op::CHANNEL, data) = record
+                && let Ok(Record::Channel(channel)) = parse_record(op::CHANNEL, data)
+            {
+                foreign |= !topics.learn(&channel);
             }
-        });
+        }
         // All channels stand before the first message.
         if !topics.is_empty() {
             return Ok(topics);
@@ -172,43 +177,23 @@ fn topics(source: &Path, file: &File, survey: &Survey) -> Result<HashMap<u16, To
         let remedy = "there is nothing to recover; is it the right file?";
         return Err(CampaignError::content(Place::file(source), "a recording of this project", got, remedy));
     }
-    Ok(HashMap::from([
-        (wire::SAMPLE_CHANNEL, Topic::Sample),
-        (wire::EVENT_CHANNEL, Topic::Event),
-        (wire::AMPLIFIER_CHANNEL, Topic::Amplifier),
-    ]))
+    Ok(Topics::usual())
 }
 
-fn messages(
-    source: &Path,
-    file: &File,
-    chunk: &Range<u64>,
-    topics: &HashMap<u16, Topic>,
-) -> Result<Vec<Item>, CampaignError> {
+/// Opens a chunk that the survey has proven.
+fn reopen(open: &mut Chunk, source: &Path, file: &File, chunk: &Range<u64>) -> Result<(), CampaignError> {
     let bytes = read(file, chunk.clone()).map_err(|error| CampaignError::read(source, error))?;
-    let mut messages = Vec::new();
-    let mut unread = None;
-    chunk_records(&bytes, |record| {
-        let Record::Message { header, data } = record else { return };
-        let message = match topics.get(&header.channel_id) {
-            Some(Topic::Sample) => wire::decode_sample(&data).map(Item::Sample),
-            Some(Topic::Event) => wire::decode_event(&data).map(Item::Event),
-            Some(Topic::Amplifier) => wire::decode_amplifier(&data).map(Item::Amplifier),
-            None => return,
-        };
-        match message {
-            Ok(message) => messages.push(message),
-            Err(got) => drop(unread.get_or_insert(got)),
-        }
-    });
-    match unread {
-        None => Ok(messages),
-        Some(got) => {
-            let expected = format!("messages of this format in the sound chunk at byte {}", chunk.start);
-            let remedy = "use the version of the program that wrote the file";
-            Err(CampaignError::content(Place::file(source), expected, got, remedy))
-        }
-    }
+    open_chunk(open, &bytes).ok_or_else(|| {
+        let expected = format!("the sound chunk at byte {} that was there before", chunk.start);
+        let remedy = "let nothing write to the file while it is recovered";
+        CampaignError::content(Place::file(source), expected, "another content", remedy)
+    })
+}
+
+fn unread(source: &Path, chunk: &Range<u64>, got: String) -> CampaignError {
+    let expected = format!("messages of this format in the sound chunk at byte {}", chunk.start);
+    let remedy = "use the version of the program that wrote the file";
+    CampaignError::content(Place::file(source), expected, got, remedy)
 }
 
 /// What the new recording says about its origin.

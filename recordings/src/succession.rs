@@ -10,10 +10,38 @@ pub(crate) struct Misfit {
     pub got: String,
 }
 
+/// What of a sample those after it depend on.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Last {
+    pub run: u32,
+    pub tick: u64,
+    pub scheduled_ns: u64,
+    pub skipped: u64,
+    /// It is the run's last sample.
+    pub ends: bool,
+}
+
+impl Last {
+    fn of(sample: &Sample) -> Last {
+        let Sample { run, tick, scheduled_ns, skipped, .. } = *sample;
+        Last { run, tick, scheduled_ns, skipped, ends: sample.last() }
+    }
+
+    /// As [`Sample::sequence`].
+    fn sequence(&self) -> u64 {
+        self.tick.saturating_sub(self.skipped)
+    }
+
+    /// As [`Sample::time_s`].
+    pub fn time_s(&self) -> f64 {
+        Sample { scheduled_ns: self.scheduled_ns, ..Sample::BLANK }.time_s()
+    }
+}
+
 /// The samples of a recording up to now.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Succession {
-    last: Option<Sample>,
+    last: Option<Last>,
     count: u64,
     gaps: Vec<(u64, u64)>,
 }
@@ -21,13 +49,13 @@ pub(crate) struct Succession {
 /// A point that a succession can be taken back to.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Mark {
-    last: Option<Sample>,
+    last: Option<Last>,
     count: u64,
     gaps: usize,
 }
 
 impl Succession {
-    pub fn last(&self) -> Option<&Sample> {
+    pub fn last(&self) -> Option<&Last> {
         self.last.as_ref()
     }
 
@@ -42,6 +70,7 @@ impl Succession {
     }
 
     /// Why `next` can't be the next sample; `None`: it can.
+    #[inline]
     pub fn misfit(&self, next: &Sample) -> Option<Misfit> {
         let misfit = |column, expected: String, got: String| Some(Misfit { column, expected, got });
         // The first sample stands after a tick -1 at which nothing was skipped.
@@ -69,12 +98,13 @@ impl Succession {
     }
 
     /// Appends a sample that fits.
+    #[inline]
     pub fn push(&mut self, sample: &Sample) {
         let expected = self.next_sequence();
         if sample.sequence() > expected {
             self.gaps.push((expected, sample.sequence() - 1));
         }
-        self.last = Some(*sample);
+        self.last = Some(Last::of(sample));
         self.count += 1;
     }
 
@@ -90,7 +120,7 @@ impl Succession {
 
     /// What can be certified where nobody told the run's length: the end was seen if the last sample is here.
     pub fn own_certificate(&self) -> LossCertificate {
-        let end_seen = self.last.is_some_and(|last| last.last());
+        let end_seen = self.last.is_some_and(|last| last.ends);
         LossCertificate { end_seen, ..self.certificate(self.next_sequence()) }
     }
 

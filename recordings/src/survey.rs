@@ -9,17 +9,13 @@ use std::ops::Range;
 use std::os::unix::fs::FileExt;
 
 use mcap::records::{Record, op};
-use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::{MAGIC, parse_record};
 use rt_core::LossCertificate;
 
+use crate::chunk::{Chunk, Inner, LONGEST, RECORD_HEADER};
 use crate::run_metadata::RunMetadata;
 use crate::{ending, wire};
 
-/// No record or chunk of ours comes near this; a damaged length must not ask for more memory.
-const LONGEST: u64 = 64 * 1024 * 1024;
-/// Opcode and length before each record.
-const RECORD_HEADER: u64 = 9;
 /// Fields of a chunk before its packed bytes, packed by zstd.
 const CHUNK_HEADER: u64 = 44;
 /// Bytes that are looked through at a time, and by how much two looks overlap.
@@ -27,7 +23,7 @@ const WINDOW: usize = 1024 * 1024;
 const OVERLAP: usize = 64;
 
 /// The records of a file that prove themselves.
-#[derive(Debug, Default)]
+#[derive(Default)]
 pub(crate) struct Survey {
     /// The file's length.
     pub bytes: u64,
@@ -43,6 +39,7 @@ pub(crate) struct Survey {
     pub ended: bool,
     /// From here on nothing looks like a chunk or like our metadata, as far as is known.
     quiet_from: Option<u64>,
+    chunk: Chunk,
 }
 
 impl Survey {
@@ -72,19 +69,19 @@ impl Survey {
             self.ended = true;
             return Ok(Some(self.bytes));
         }
-        if left < RECORD_HEADER {
+        if left < RECORD_HEADER as u64 {
             return Ok(None);
         }
-        let header = read(file, at..at + RECORD_HEADER)?;
+        let header = read(file, at..at + RECORD_HEADER as u64)?;
         let length = u64::from_le_bytes(header[1..].try_into().expect("nine bytes were read"));
-        if length > LONGEST.min(left - RECORD_HEADER) {
+        if length > (LONGEST as u64).min(left - RECORD_HEADER as u64) {
             return Ok(None);
         }
-        let end = at + RECORD_HEADER + length;
+        let end = at + RECORD_HEADER as u64 + length;
         let opcode = header[0];
         let sound = match opcode {
             op::CHUNK => {
-                let sound = chunk_records(&read(file, at..end)?, |_| ()).is_some();
+                let sound = open_chunk(&mut self.chunk, &read(file, at..end)?).is_some();
                 if sound {
                     self.chunks.push(at..end);
                 }
@@ -93,7 +90,7 @@ impl Survey {
             op::METADATA => self.metadata(&read(file, at..end)?),
             // A list of pairs whose own length must fit.
             op::MESSAGE_INDEX if length >= 6 => {
-                let fields = read(file, at + RECORD_HEADER..at + RECORD_HEADER + 6)?;
+                let fields = read(file, at + RECORD_HEADER as u64..at + RECORD_HEADER as u64 + 6)?;
                 let list = u32::from_le_bytes([fields[2], fields[3], fields[4], fields[5]]);
                 u64::from(list) == length - 6 && list.is_multiple_of(16)
             }
@@ -135,7 +132,7 @@ impl Survey {
     }
 
     fn metadata(&mut self, bytes: &[u8]) -> bool {
-        let Ok(Record::Metadata(found)) = parse_record(op::METADATA, &bytes[RECORD_HEADER as usize..]) else {
+        let Ok(Record::Metadata(found)) = parse_record(op::METADATA, &bytes[RECORD_HEADER..]) else {
             return false;
         };
         if ending::metadata(&found.name, &found.metadata) != bytes {
@@ -164,49 +161,30 @@ impl Survey {
     }
 }
 
-/// Hands the records of a chunk (the whole record, with its header) to `take`, once its checksum is proven. `None`: it
-/// is not sound; `take` has not been called then.
-pub(crate) fn chunk_records(chunk: &[u8], mut take: impl FnMut(Record<'_>)) -> Option<()> {
+/// Opens a chunk (the whole record, with its header) if it is one of ours and proves itself, all its records included.
+pub(crate) fn open_chunk(chunk: &mut Chunk, record: &[u8]) -> Option<()> {
     // A chunk without a checksum is not ours: nothing would prove its content.
-    let Ok(Record::Chunk { header, data }) = parse_record(op::CHUNK, chunk.get(RECORD_HEADER as usize..)?) else {
-        return None;
-    };
+    let content = record.get(RECORD_HEADER..)?;
+    let Ok(Record::Chunk { header, data }) = parse_record(op::CHUNK, content) else { return None };
     let whole = CHUNK_HEADER - 4 + header.compression.len() as u64 + header.compressed_size;
     if header.uncompressed_crc == 0
         || header.compression != "zstd"
-        || whole != chunk.len() as u64 - RECORD_HEADER
+        || whole != content.len() as u64
         || data.len() as u64 != header.compressed_size
     {
         return None;
     }
-    let options = LinearReaderOptions::default()
-        .with_skip_start_magic(true)
-        .with_skip_end_magic(true)
-        .with_prevalidate_chunk_crcs(true)
-        .with_record_length_limit(LONGEST as usize);
-    let mut reader = LinearReader::new_with_options(options);
-    let mut given = 0;
+    chunk.open(content).ok()?;
     // The checksum covers all records of the chunk; should one not parse in spite of it, the chunk is not one of ours.
-    let mut sound = true;
-    loop {
-        match reader.next_event() {
-            None => return sound.then_some(()),
-            Some(Err(_)) => return None,
-            Some(Ok(LinearReadEvent::ReadRequest(wanted))) => {
-                let bytes = &chunk[given..chunk.len().min(given + wanted)];
-                reader.insert(bytes.len())[..bytes.len()].copy_from_slice(bytes);
-                reader.notify_read(bytes.len());
-                given += bytes.len();
-            }
-            Some(Ok(LinearReadEvent::Record { opcode: opcode @ (op::SCHEMA | op::CHANNEL | op::MESSAGE), data })) => {
-                match parse_record(opcode, data) {
-                    Ok(record) => take(record),
-                    Err(_) => sound = false,
-                }
-            }
-            Some(Ok(LinearReadEvent::Record { .. })) => sound = false,
+    while let Some(record) = chunk.next_record().ok()? {
+        match record {
+            Inner::Message { .. } => {}
+            Inner::Other(opcode @ (op::SCHEMA | op::CHANNEL), data) => drop(parse_record(opcode, data).ok()?),
+            Inner::Other(..) => return None,
         }
     }
+    chunk.rewind();
+    Some(())
 }
 
 /// Bytes of the file.

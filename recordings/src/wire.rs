@@ -8,6 +8,7 @@ use prost::Message;
 use rt_core::{LossCertificate, SAMPLE_VERSION, Sample, flags};
 
 use crate::run_metadata::{AmplifierFault, AmplifierReport, Event, RunMetadata, Severity};
+use crate::sample_message::{self, FLAG_FIELDS};
 use crate::vocabulary::UnknownWord;
 
 mod proto {
@@ -46,22 +47,6 @@ const NOTE: &str = "note.";
 const FILE: &str = "file.";
 /// Facts of the machine, likewise.
 const HOST: &str = "host.";
-
-/// The flag bits that have a field of their own in the message.
-const FLAG_FIELDS: u32 = flags::BRAKE_OPEN
-    | flags::BYPASS_OPEN
-    | flags::TRIPPED
-    | flags::LAST
-    | flags::FAULT
-    | flags::OVERRUN
-    | flags::STOPPED
-    | flags::SLEW_LIMITED
-    | WAITING
-    | CONFIRMED;
-/// The run waits for a person.
-const WAITING: u32 = 1 << 8;
-/// A person confirmed at this tick.
-const CONFIRMED: u32 = 1 << 9;
 
 /// Layouts of the sample that are read. The first knew no skipped ticks, one age for all values, and no reason of a trip.
 const READ_VERSIONS: std::ops::RangeInclusive<u32> = 1..=SAMPLE_VERSION;
@@ -105,8 +90,8 @@ pub(crate) fn encode_sample(sample: &Sample, bytes: &mut Vec<u8>) {
         overrun: sample.overrun(),
         stopped: sample.flags & flags::STOPPED != 0,
         slew_limited: sample.flags & flags::SLEW_LIMITED != 0,
-        waiting: sample.flags & WAITING != 0,
-        confirmed: sample.flags & CONFIRMED != 0,
+        waiting: sample.flags & flags::WAITING != 0,
+        confirmed: sample.flags & flags::CONFIRMED != 0,
     };
     bytes.clear();
     message.encode(bytes).expect("a Vec grows as far as a message needs");
@@ -115,6 +100,15 @@ pub(crate) fn encode_sample(sample: &Sample, bytes: &mut Vec<u8>) {
 /// One NaN for all: its sign and payload depend on the machine, and the same run must give the same bytes.
 fn plain(value: f64) -> f64 {
     if value.is_nan() { f64::NAN } else { value }
+}
+
+/// As [`decode_sample`] of the first `length` bytes of `window`, but as fast as the message allows.
+#[inline]
+pub(crate) fn decode_sample_in(window: &[u8], length: usize, sample: &mut Sample) -> Result<(), String> {
+    if !sample_message::decode(window, length, sample) {
+        *sample = decode_sample(window.get(..length).unwrap_or_default())?;
+    }
+    Ok(())
 }
 
 /// The sample of a message, or what is wrong with it.
@@ -164,8 +158,8 @@ pub(crate) fn decode_sample(bytes: &[u8]) -> Result<Sample, String> {
             | bit(message.overrun, flags::OVERRUN)
             | bit(message.stopped, flags::STOPPED)
             | bit(message.slew_limited, flags::SLEW_LIMITED)
-            | bit(message.waiting, WAITING)
-            | bit(message.confirmed, CONFIRMED),
+            | bit(message.waiting, flags::WAITING)
+            | bit(message.confirmed, flags::CONFIRMED),
     };
     if message.version == 1 {
         sample.quality = sample.measurement().valid();

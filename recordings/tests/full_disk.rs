@@ -24,14 +24,18 @@ const SAMPLES: u64 = 3_000;
 #[test]
 fn whatever_the_room_the_complete_chunks_stay_readable() {
     let dir = tempfile::tempdir().unwrap();
-    let whole = {
+    let (whole, chunk_end) = {
         let path = dir.path().join("whole.mcap");
         common::write_mcap(&path, &(0..SAMPLES).map(sample).collect::<Vec<_>>(), SAMPLES);
-        fs::metadata(path).unwrap().len()
+        let bytes = fs::read(path).unwrap();
+        let chunk = &mcap::Summary::read(&bytes).unwrap().unwrap().chunk_indexes[2];
+        (bytes.len() as u64, chunk.chunk_start_offset + chunk.chunk_length + chunk.message_index_length)
     };
     let mut seen = [false; 4];
-    // Limits all over the file, and every few bytes at its end, where the certificate and the index are written.
+    // Limits all over the file, where a chunk leaves no room for the shortest end, and every few bytes at the end of the file, where
+    // the certificate and the index are written.
     let limits = (300..whole).step_by(whole as usize / 60).chain((whole.saturating_sub(6_000)..whole).step_by(150));
+    let limits = limits.chain((chunk_end..chunk_end + 200).step_by(40));
     for limit in limits {
         let path = dir.path().join(format!("{limit}.mcap"));
         let part = dir.path().join(format!("{limit}.mcap.part"));
