@@ -112,8 +112,23 @@ const SHORT_S: f64 = 8.0;
 /// Structured residual (noise floors) from which an effect counts as gross.
 const GROSS: f64 = 1.5;
 
-/// Runs the whole chain.
+/// Runs the whole chain with the whole library.
+///
+/// # Errors
+/// The identified model can't be simulated on the runs that are fitted.
 pub fn diagnose(identified: &Identified, progress: &dyn Fn(&str)) -> Result<Diagnosis, SimulationError> {
+    diagnose_with(LIBRARY, identified, progress)
+}
+
+/// Runs the whole chain with the effects of `library` alone.
+///
+/// # Errors
+/// As [`diagnose`].
+pub fn diagnose_with(
+    library: &[&'static dyn Effect],
+    identified: &Identified,
+    progress: &dyn Fn(&str),
+) -> Result<Diagnosis, SimulationError> {
     let problem = &identified.problem;
     let brief = &problem.shortened(BRIEF_S);
     let short = &problem.shortened(SHORT_S);
@@ -124,7 +139,7 @@ pub fn diagnose(identified: &Identified, progress: &dyn Fn(&str)) -> Result<Diag
     let mut next_experiment = None;
     let mut tie = false;
 
-    let first = Round::new(brief, &identified.fit, LIBRARY.iter().copied())?;
+    let first = Round::new(brief, &identified.fit, library.iter().copied())?;
     progress("candidates scored");
     let (clusters, count) = crate::score::clusters(problem);
     let residual_before = problem.residuals(&current.layout, &current.point)?;
@@ -146,7 +161,7 @@ pub fn diagnose(identified: &Identified, progress: &dyn Fn(&str)) -> Result<Diag
         let round = if round_number == 0 {
             &first
         } else {
-            let open = LIBRARY.iter().copied().filter(|e| !ids.contains(&e.header().id));
+            let open = library.iter().copied().filter(|e| !ids.contains(&e.header().id));
             later = Round::new(brief, &current, open)?;
             &later
         };
@@ -156,7 +171,7 @@ pub fn diagnose(identified: &Identified, progress: &dyn Fn(&str)) -> Result<Diag
             break;
         }
         let gross = largest > GROSS;
-        let shortlist = round.shortlist(&ids, if gross { 6 } else { 5 });
+        let shortlist = round.shortlist(library, &ids, if gross { 6 } else { 5 });
         let bases = Bases { current: &current, component: &component, short, gross };
         let refits = refit_all(brief, &bases, round, &shortlist, progress);
         let Some(best) = refits.first() else { break };
@@ -201,7 +216,7 @@ pub fn diagnose(identified: &Identified, progress: &dyn Fn(&str)) -> Result<Diag
     let last = if carried.is_empty() {
         &first
     } else {
-        let open = LIBRARY.iter().copied().filter(|e| !carried.contains(&e.header().id));
+        let open = library.iter().copied().filter(|e| !carried.contains(&e.header().id));
         last = Round::new(brief, &current, open)?;
         &last
     };

@@ -1,6 +1,6 @@
 //! The candidates of one round, tested against the current model.
 
-use model::effects::{Effect, LIBRARY};
+use model::effects::Effect;
 use model::integrate::SimulationError;
 
 use crate::fit::Fit;
@@ -45,10 +45,15 @@ impl<'a> Round<'a> {
         p_of_largest(&evidence, &one_sided, 20)
     }
 
-    /// Sets of one effect, and the best of two where two together explain far more than either, the best first.
-    pub fn shortlist(&self, current: &[&'static str], most: usize) -> Vec<Vec<&'static dyn Effect>> {
+    /// Sets of one effect out of `library`, and the best of two where two together explain far more than either, the best first.
+    pub fn shortlist(
+        &self,
+        library: &[&'static dyn Effect],
+        current: &[&'static str],
+        most: usize,
+    ) -> Vec<Vec<&'static dyn Effect>> {
         let candidates: Vec<&'static dyn Effect> =
-            LIBRARY.iter().copied().filter(|e| !current.contains(&e.header().id)).collect();
+            library.iter().copied().filter(|e| !current.contains(&e.header().id)).collect();
         let mut singles: Vec<(f64, usize)> = candidates
             .iter()
             .enumerate()
