@@ -2,6 +2,7 @@
 
 use bench::emulation::{draw, drawn_effects, record};
 use bench::progress::Progress;
+use identify::strokes::{Steady, strokes};
 use model::ModelFile;
 use model::rec::pump_flow;
 use profiles::BUILTIN;
@@ -76,5 +77,61 @@ fn the_commanded_flow_is_what_the_rig_s_pump_delivers() {
     for (stroke, mean) in means.iter().enumerate().filter(|(_, mean)| mean.is_finite()) {
         let wanted = (stroke + 1) as f64;
         assert!((mean - wanted).abs() < 0.05 * wanted + 0.1, "asked for {wanted} ml/s, got {mean}");
+    }
+    steady_in_every_stroke(&run, "as recorded");
+    steady_in_every_stroke(&thinned(&run, 10), "at 100 Hz");
+    steady_in_every_stroke(&truncated(&run, 2.5), "cut after 2.5 s");
+}
+
+/// Each of the fourteen flows has an interval of steady velocity, and more flow is a faster one.
+fn steady_in_every_stroke(run: &Recording, how: &str) {
+    let forward: Vec<Steady> = strokes(run)
+        .into_iter()
+        .filter(|stroke| run.voltage_v[stroke.rows.start] > 0.0)
+        .map(|stroke| stroke.steady.unwrap_or_else(|| panic!("{how}: none in segment {}", stroke.segment)))
+        .collect();
+    assert_eq!(forward.len(), 14, "{how}");
+    for pair in forward.windows(2) {
+        assert!(pair[0].velocity_deg_s < pair[1].velocity_deg_s, "{how}: {pair:?}");
+    }
+    let deviation = forward.iter().map(|steady| steady.deviation).fold(0.0, f64::max);
+    assert!(deviation < 0.12, "{how}: {deviation}");
+}
+
+/// Every `nth` row.
+fn thinned(run: &Recording, nth: usize) -> Recording {
+    kept(run, |i| i % nth == 0)
+}
+
+/// Each segment to `seconds` after its begin.
+fn truncated(run: &Recording, seconds: f64) -> Recording {
+    let mut begin_s = 0.0;
+    let keep: Vec<bool> = (0..run.len())
+        .map(|i| {
+            if i == 0 || run.segment[i] != run.segment[i - 1] {
+                begin_s = run.time_s[i];
+            }
+            run.time_s[i] < begin_s + seconds
+        })
+        .collect();
+    kept(run, |i| keep[i])
+}
+
+fn kept(run: &Recording, keep: impl Fn(usize) -> bool) -> Recording {
+    fn of<T: Copy>(column: &[T], rows: &[usize]) -> Vec<T> {
+        rows.iter().map(|&i| column[i]).collect()
+    }
+    let rows: Vec<usize> = (0..run.len()).filter(|&i| keep(i)).collect();
+    Recording {
+        time_s: of(&run.time_s, &rows),
+        voltage_v: of(&run.voltage_v, &rows),
+        angle_deg: of(&run.angle_deg, &rows),
+        pressure1_bar: of(&run.pressure1_bar, &rows),
+        pressure2_bar: of(&run.pressure2_bar, &rows),
+        torque_nm: of(&run.torque_nm, &rows),
+        volume_ml: of(&run.volume_ml, &rows),
+        brake_open: of(&run.brake_open, &rows),
+        bypass_open: of(&run.bypass_open, &rows),
+        segment: of(&run.segment, &rows),
     }
 }

@@ -9,6 +9,7 @@ use recordings::Recording;
 
 use crate::noise::mean;
 use crate::prepare::{Channel, Stand, Stretch, segments};
+use crate::strokes::{Steady, strokes};
 
 /// A clamped point of the torque map, fig. 2.
 #[derive(Clone, Copy, Debug)]
@@ -113,48 +114,24 @@ pub fn capacity_points(stretches: &[&Stretch]) -> Vec<CapacityPoint> {
     out
 }
 
-/// Intervals of steady velocity in strokes of constant voltage: windows of 0.3 s whose velocity differs little from
-/// their neighbours'; of each segment those count that lie within 3 % of its median velocity.
+/// Intervals of steady velocity: one point for each stroke that has one.
 pub fn loss_points(r: &Recording) -> Vec<LossPoint> {
-    let mut out = Vec::new();
-    for (first, end) in segments(r) {
-        let mut windows = Vec::new();
-        let mut a = first;
-        while a < end {
-            let b = first + (first..end).take_while(|&i| r.time_s[i] < r.time_s[a] + 0.3).count();
-            if b >= end {
-                break;
+    strokes(r)
+        .into_iter()
+        .filter_map(|stroke| stroke.steady)
+        .map(|steady| {
+            let Steady { rows, velocity_deg_s, .. } = steady;
+            let pressures = |combined: fn(f64, f64) -> f64| {
+                mean(rows.clone().map(|i| combined(r.pressure1_bar[i], r.pressure2_bar[i]))).0
+            };
+            LossPoint {
+                velocity_rad_s: velocity_deg_s.to_radians(),
+                load_bar: pressures(|p1, p2| p1 + p2),
+                angle_deg: mean(r.angle_deg[rows.clone()].iter().copied()).0,
+                dp_bar: pressures(|p1, p2| p1 - p2),
             }
-            let (t, _) = mean((a..b).map(|i| r.time_s[i]));
-            let (phi, _) = mean(r.angle_deg[a..b].iter().copied());
-            let (mut tt, mut tp) = (0.0, 0.0);
-            for i in (a..b).filter(|&i| r.angle_deg[i].is_finite()) {
-                tt += (r.time_s[i] - t).powi(2);
-                tp += (r.time_s[i] - t) * (r.angle_deg[i] - phi);
-            }
-            windows.push((a, b, (tp / tt).to_radians()));
-            a = b;
-        }
-        let mut speeds: Vec<f64> = windows.iter().map(|w| w.2).filter(|w| w.abs() > 5e-3).collect();
-        if speeds.len() < 3 {
-            continue;
-        }
-        let typical = crate::noise::median(&mut speeds);
-        let steady: Vec<usize> = (1..windows.len() - 1)
-            .filter(|&i| (i - 1..=i + 1).all(|j| (windows[j].2 / typical - 1.0).abs() < 0.03))
-            .collect();
-        if steady.is_empty() {
-            continue;
-        }
-        let rows = || steady.iter().flat_map(|&i| windows[i].0..windows[i].1);
-        out.push(LossPoint {
-            velocity_rad_s: mean(steady.iter().map(|&i| windows[i].2)).0,
-            load_bar: mean(rows().map(|i| r.pressure1_bar[i] + r.pressure2_bar[i])).0,
-            angle_deg: mean(rows().map(|i| r.angle_deg[i])).0,
-            dp_bar: mean(rows().map(|i| r.pressure1_bar[i] - r.pressure2_bar[i])).0,
-        });
-    }
-    out
+        })
+        .collect()
 }
 
 /// Torque (2) from its points: m1, m2, m3 by linear least squares.

@@ -18,5 +18,6 @@ pub mod refit;
 pub mod score;
 pub mod significance;
 pub mod simplify;
+pub mod strokes;
 pub mod uncertainty;
 pub mod validate;
