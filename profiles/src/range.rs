@@ -51,11 +51,11 @@ impl Reader<'_> {
                         (from + (steps * step).copysign(way), from + ((steps + 1.0) * step).copysign(way));
                     return error(format!(
                         "from {from} by steps of {step} never comes to {to}: set `to` to {} or {}, or another `step`",
-                        decimal(short),
-                        decimal(long)
+                        decimal(short, step),
+                        decimal(long, step)
                     ));
                 }
-                Ok((0..=steps as u32).map(|k| decimal(from + (f64::from(k) * step).copysign(way))).collect())
+                Ok((0..=steps as u32).map(|k| decimal(from + (f64::from(k) * step).copysign(way), step)).collect())
             }
             (None, Some(count)) => match *count.get_ref() {
                 number if number < 2 || f64::from(number) > MOST_VALUES => {
@@ -73,12 +73,12 @@ impl Reader<'_> {
     }
 }
 
-/// The number that somebody would have written: 0.3, not 0.1 + 0.2.
-fn decimal(value: f64) -> f64 {
+/// The number that somebody would have written on a way in such steps: 0.3, not 0.1 + 0.2, and 0, not what is left of 0.3 less 0.3.
+fn decimal(value: f64, step: f64) -> f64 {
     const DECIMALS: f64 = 1e9;
     let rounded = (value * DECIMALS).round() / DECIMALS;
     // Also where the value is too large to have such decimals, and not minus 0.
-    if (rounded - value).abs() <= value.abs() * 1e-12 { rounded + 0.0 } else { value }
+    if (rounded - value).abs() <= value.abs().max(step) * 1e-12 { rounded + 0.0 } else { value }
 }
 
 #[cfg(test)]
@@ -87,9 +87,9 @@ mod tests {
 
     #[test]
     fn steps_give_the_decimals_that_one_would_have_written() {
-        assert_eq!(decimal(0.1 + 2.0 * 0.1), 0.3);
-        assert_eq!(decimal(-0.4 + 4.0 * 0.1).to_bits(), 0.0_f64.to_bits());
-        assert_eq!(decimal(1e300), 1e300);
-        assert_eq!(decimal(1.0 / 3.0), 1.0 / 3.0);
+        assert_eq!(decimal(0.1 + 2.0 * 0.1, 0.1), 0.3);
+        assert_eq!(decimal(0.3 - 3.0 * 0.1, 0.1).to_bits(), 0.0_f64.to_bits());
+        assert_eq!(decimal(1e300, 1e299), 1e300);
+        assert_eq!(decimal(1.0 / 3.0, 0.1), 1.0 / 3.0);
     }
 }
