@@ -1,5 +1,6 @@
 //! The test bench: the only place where the loop, the devices, the recordings and the identification meet.
 
+mod amplifier_log;
 pub mod campaign;
 pub mod commands;
 pub mod controller;
@@ -15,6 +16,7 @@ pub mod interrupt;
 pub mod keyboard;
 pub mod latency;
 pub mod logger;
+pub mod machine;
 pub mod progress;
 pub mod recorder;
 pub mod report;
