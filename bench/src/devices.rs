@@ -10,7 +10,7 @@ use drivers::faults::Faulty;
 use drivers::journal::JournalReader;
 use drivers::wired::{Preparation, WiredRig};
 use model::ModelFile;
-use profiles::{Plane, Script};
+use profiles::{Hands, Plane, Script};
 use rt_core::system::{self, Request};
 use rt_core::{Device, SafeState};
 
@@ -54,6 +54,15 @@ impl Devices {
         let rig = WiredRig::open(settings, &database, safe_state, thread, journals)
             .map_err(|error| Failure::of(if error.is_configuration() { Kind::Input } else { Kind::Device }, &error))?;
         Ok(Devices::Wired(Box::new(rig)))
+    }
+
+    /// Who does the operator's part: an emulated rig does it itself, one on wires where its rig file maps an automatic fixture.
+    pub fn hands(&self) -> Hands {
+        match self {
+            Devices::Emulated { .. } => Hands::Rig,
+            Devices::Wired(rig) if rig.has_fixture() => Hands::Rig,
+            Devices::Wired(_) => Hands::People,
+        }
     }
 
     /// The device at the start of run number `run` of the session, prepared as the script asks, with the faults that it asks for.

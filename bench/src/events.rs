@@ -1,6 +1,7 @@
 //! What a recording should say besides its samples: how the run ended, and what the drivers noted.
 
 use drivers::journal::{self, Occurrence, When};
+use profiles::{Playback, Timeout};
 use recordings::{Event, Severity};
 use rt_core::{Ended, LoopError, PERIOD_NS, RunReport};
 
@@ -47,6 +48,12 @@ pub fn events_of(noted: &[Occurrence], origin_ns: u64, untaken: u64) -> Vec<Even
         events.push(event(events.last().map_or(0, |event| event.tick), Severity::Warning, "journal", text));
     }
     events
+}
+
+/// Steps of the script that ended because their time was over, and not because what they waited for had come.
+pub fn timeouts_of(playback: &Playback) -> Vec<Event> {
+    let said = |timeout: Timeout| event(timeout.tick, Severity::Warning, "profile", timeout.to_string());
+    playback.timeouts().into_iter().map(said).collect()
 }
 
 fn event(tick: u64, severity: Severity, source: &str, text: String) -> Event {

@@ -11,6 +11,9 @@ pub struct Progress {
     terminal: bool,
 }
 
+/// A line at the bottom, for what is being typed; nothing where stderr is no terminal.
+pub struct Prompt(ProgressBar);
+
 /// One step under way.
 pub struct Step {
     bar: ProgressBar,
@@ -46,6 +49,13 @@ impl Progress {
         Step { bar, progress: self.clone(), name }
     }
 
+    /// A line for what is being typed.
+    pub fn prompt(&self) -> Prompt {
+        let bar = self.bars.add(ProgressBar::new_spinner());
+        bar.set_style(ProgressStyle::with_template("{msg}").expect("the template is a literal that indicatif accepts"));
+        Prompt(bar)
+    }
+
     /// A line that stays, above the bars.
     pub fn say(&self, line: &str) {
         if self.terminal {
@@ -62,6 +72,27 @@ impl Progress {
             // A closed pipe must not panic; the files hold the results too.
             let _ = writeln!(io::stdout(), "{line}");
         });
+    }
+}
+
+impl Prompt {
+    /// Shows this text.
+    pub fn show(&self, text: &str) {
+        if self.0.message() != text {
+            self.0.set_message(text.to_owned());
+            self.0.tick();
+        }
+    }
+
+    /// Shows nothing.
+    pub fn hide(&self) {
+        self.show("");
+    }
+}
+
+impl Drop for Prompt {
+    fn drop(&mut self) {
+        self.0.finish_and_clear();
     }
 }
 

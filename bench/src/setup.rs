@@ -5,7 +5,7 @@ use crate::controller::{PumpController, Settings as LoopSettings};
 use crate::failure::{Failure, Kind};
 use crate::rig_file::{RawLimits, RawSafeState};
 use model::ModelFile;
-use profiles::Plane;
+use profiles::{Hands, Plane};
 use recordings::RunMetadata;
 use rt_core::{Controller, Limits, SafeState};
 use serde::{Deserialize, Serialize};
@@ -65,6 +65,8 @@ pub struct Setup {
     pub limits: Limits,
     /// What the controller knew.
     pub knowledge: Knowledge,
+    /// Who did the operator's part.
+    pub hands: Hands,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -73,6 +75,9 @@ struct Written {
     // As text: TOML's integers have a sign.
     seed: String,
     u_max_v: f64,
+    /// `people`; left out where the rig did the operator's part itself.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    operator: Option<String>,
     limits: RawLimits,
     safe_state: RawSafeState,
     /// Left out where the model's pump alone is known.
@@ -82,7 +87,12 @@ struct Written {
 impl Setup {
     /// The setup of a run.
     pub fn of(seed: u64, u_max_v: f64, limits: &Limits, knowledge: &Knowledge) -> Self {
-        Setup { seed, u_max_v, limits: *limits, knowledge: knowledge.clone() }
+        Setup { seed, u_max_v, limits: *limits, knowledge: knowledge.clone(), hands: Hands::Rig }
+    }
+
+    /// The same with these hands.
+    pub fn by(self, hands: Hands) -> Self {
+        Setup { hands, ..self }
     }
 
     /// The note that holds it, but for its model. Numbers are written so that they read back as the same bits.
@@ -92,6 +102,7 @@ impl Setup {
             u_max_v: self.u_max_v,
             limits: RawLimits::of(&self.limits),
             safe_state: RawSafeState::of(self.limits.safe_state),
+            operator: (self.hands == Hands::People).then(|| self.hands.as_str().to_owned()),
             controller: match self.knowledge {
                 Knowledge::Model(_, settings) => Some(settings),
                 Knowledge::Pump(_) | Knowledge::Nothing => None,
@@ -119,6 +130,11 @@ impl Setup {
         let written: Written = toml::from_str(text).map_err(|e| input(e.message().to_owned()))?;
         let seed =
             written.seed.parse().map_err(|_| input(format!("expected a whole number, got {:?}", written.seed)))?;
+        let hands = match written.operator.as_deref() {
+            None => Hands::Rig,
+            Some(word) if word == Hands::People.as_str() => Hands::People,
+            Some(word) => return Err(input(format!("operator: expected \"people\" or nothing, got {word:?}"))),
+        };
         let limits = written.limits.over(Limits::default());
         let limits = Limits { safe_state: written.safe_state.over(SafeState::default()), ..limits };
         let model = files.get(MODEL_FILE).or_else(|| notes.get(MODEL_NOTE));
@@ -129,7 +145,7 @@ impl Setup {
             (None, None) => Knowledge::Nothing,
             (None, Some(_)) => return Err(input(format!("expected the file {MODEL_FILE:?} too, got none"))),
         };
-        Ok(Setup { seed, u_max_v: written.u_max_v, limits, knowledge })
+        Ok(Setup { seed, u_max_v: written.u_max_v, limits, knowledge, hands })
     }
 }
 

@@ -12,7 +12,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("drivers", &["rt-core", "model"]),
     ("identify", &["model", "recordings"]),
     ("bench", &["model", "rt-core", "recordings", "profiles", "drivers", "identify"]),
-    ("benchmarks", &["model", "rt-core", "recordings", "profiles", "drivers", "bench"]),
+    ("benchmarks", &["model", "rt-core", "recordings", "profiles", "drivers", "identify", "bench"]),
 ];
 
 /// Where the product ends: what follows in the list only measures it.

@@ -5,7 +5,7 @@ mod recorder;
 
 use recorder::{FileLimit, PATIENCE, Recorder, folder, hasty_publication, instance, publication, publish, read};
 use recordings::{McapReader, Plane, Protocol, Recording, Role};
-use rt_core::{DemandListener, Switches};
+use rt_core::{CommandServer, Switches};
 use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc;
@@ -131,10 +131,10 @@ fn hearing<T>(instance: &str, body: impl FnOnce(&Switches) -> T) -> T {
         let (ready, opened) = mpsc::channel();
         scope.spawn(|| {
             let ready = ready; // the channel closes should the listener not open
-            let listener = DemandListener::open(instance).expect("shared memory is there");
+            let mut server = CommandServer::open(instance).expect("shared memory is there");
             ready.send(()).expect("the test waits");
             while !over.load(Ordering::Relaxed) {
-                listener.serve(Duration::from_millis(10), &switches).expect("it listens");
+                server.serve(Duration::from_millis(10), &switches, &String::new).expect("it listens");
             }
         });
         opened.recv().expect("it listens");

@@ -172,6 +172,8 @@ impl Session {
         progress: &Progress,
     ) -> Result<(), Failure> {
         self.runner.number_from(number as u32);
+        self.runner.operated_by(devices.hands());
+        self.runner.ask_to_prepare(script, switches, progress)?;
         let mut device = devices.prepare(script, self.seed, number, self.safe_state, self.runner.journals())?;
         self.run(script, &mut *device, knowledge, switches, progress).map(drop)
     }

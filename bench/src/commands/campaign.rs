@@ -1,21 +1,22 @@
 //! `bench campaign --out DIR [PROFILE...]`
 
 use super::results::aligned;
-use super::run::{listening, profile};
+use super::run::{dry_run, listening, profile};
 use super::time::TimeArgs;
 use crate::campaign::known::Known;
 use crate::campaign::outlook::span;
 use crate::campaign::{Folder, PLAN_FILE, Plan, Session, Settings};
 use crate::devices::Devices;
 use crate::emulation::builtin_scripts;
-use crate::failure::Failure;
+use crate::failure::{Failure, Kind};
 use crate::interrupt;
+use crate::operator;
 use crate::progress::Progress;
 use crate::rig_file::{DeviceSpec, Rig};
+use crate::runner::Mode;
 use crate::setup::Knowledge;
 use model::ModelFile;
-use profiles::Script;
-use rt_core::Fixture;
+use profiles::{Context, Hands, Script};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -38,6 +39,12 @@ pub struct Args {
     /// Rig file [default: the emulated rig]
     #[arg(long)]
     rig: Option<PathBuf>,
+    /// Nobody is at the rig: a profile that would need people is refused before anything moves
+    #[arg(long)]
+    no_operator: bool,
+    /// Skip the dry runs on the rig's model, which come before the first run on wires
+    #[arg(long)]
+    no_dry_run: bool,
     /// Seed of the profiles' random steps and of the emulated sensors
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -68,15 +75,22 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     let record = rig.record()?;
     let plan = Plan::of(&settings, &files(&rig, &knowledge, record.files.clone()), &knowledge, &mut scripts)?;
     if args.plan_only {
-        say_plan(&plan, &scripts, progress);
-        return Ok(());
+        return say_plan(&plan, &scripts, &rig, args.seed, progress);
     }
 
+    if matches!((&rig.device, &mode), (DeviceSpec::Wired(_), Mode::Lockstep)) {
+        // Before the plan is written, which says whose time it is.
+        let message = "expected real time, got virtual time: a rig on wires has its own time; add --realtime";
+        return Err(Failure::new(Kind::Input, message));
+    }
     let folder = Folder::claim(&args.out, &plan)?;
     let there = folder.survey(&plan, &scripts, progress)?;
     let done = there.iter().filter(|there| **there).count();
     if folder.resumed() {
         progress.say(&format!("{}: {done} of {} runs are there already", args.out.display(), plan.runs.len()));
+    }
+    if !args.no_dry_run {
+        dry_runs(&scripts, &there, &rig, args.seed, progress)?;
     }
     let (switches, _driving) = interrupt::driving()?;
     let known = Known::at_first(knowledge, rig.loops);
@@ -84,6 +98,10 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     session.describe(record);
     if done < plan.runs.len() {
         let mut devices = Devices::open(&rig.device, rig.limits.safe_state, &mode, session.journals())?;
+        let context = Context { u_max_v: rig.facts.u_max_v, seed: args.seed, hands: devices.hands() };
+        for (script, _) in scripts.iter().zip(&there).filter(|(_, there)| !**there) {
+            operator::require(script, &context, args.no_operator, false)?;
+        }
         let instance = session.instance().to_owned();
         listening(&instance, switches, progress, || {
             session.run_all(&scripts, &there, &mut devices, known, switches, progress)
@@ -110,54 +128,42 @@ fn files(rig: &Rig, knowledge: &Knowledge, mut files: BTreeMap<String, String>) 
     files
 }
 
-fn say_plan(plan: &Plan, scripts: &[Script], progress: &Progress) {
-    let head = ["", "run", "protocol", "role", "needs", "at most", "prepared by the operator"].map(String::from);
-    let mut rows = vec![head.to_vec()];
+/// What the runs to come would do to a rig on wires, by the model that its file names.
+fn dry_runs(scripts: &[Script], there: &[bool], rig: &Rig, seed: u64, progress: &Progress) -> Result<(), Failure> {
+    for (script, _) in scripts.iter().zip(there).filter(|(_, there)| !**there) {
+        dry_run(script, rig, seed, progress)?;
+        if !matches!(rig.knowledge, Knowledge::Model(..)) {
+            // Said once: without a model none of them is predicted.
+            break;
+        }
+    }
+    Ok(())
+}
+
+fn say_plan(plan: &Plan, scripts: &[Script], rig: &Rig, seed: u64, progress: &Progress) -> Result<(), Failure> {
+    let head = ["", "run", "protocol", "role", "needs", "at least", "at most", "requests", "prepared"];
+    let mut rows = vec![head.map(String::from).to_vec()];
     for (n, (run, script)) in plan.runs.iter().zip(scripts).enumerate() {
-        let needs = if run.needs == "nothing" { "-" } else { &run.needs };
+        let context = Context { u_max_v: rig.facts.u_max_v, seed, hands: Hands::People };
+        let requests = script.requests(&context).map_err(|e| Failure::of(Kind::Input, &e))?;
         rows.push(vec![
             (n + 1).to_string(),
             run.name.clone(),
             run.protocol.clone(),
             run.role.clone(),
-            needs.to_owned(),
+            if run.needs == "nothing" { "-".to_owned() } else { run.needs.clone() },
+            span(script.duration_least_s()),
             span(run.at_most_s),
-            preparation(script),
+            requests.len().to_string(),
+            script.preparation(),
         ]);
     }
     aligned(&rows).iter().for_each(|line| progress.result(line));
-    progress.result("");
     let sum = span(plan.at_most_s(0));
+    progress.result("");
     progress.result(&format!("{} runs, at most {sum} of the rig's time; {PLAN_FILE} is not written", plan.runs.len()));
-}
-
-/// The rig before the first step, in words.
-fn preparation(script: &Script) -> String {
-    let start = script.start();
-    let valve = |open| if open { "open" } else { "closed" };
-    let fill = script.fill_bar.map_or(String::new(), |bar| format!(", chambers at {bar} bar"));
-    format!(
-        "{}, {} plane, brake {}, bypass {}{fill}",
-        fixture(&start.fixture),
-        script.plane.as_str(),
-        valve(start.brake_open),
-        valve(start.bypass_open),
-    )
-}
-
-fn fixture(fixture: &Fixture) -> String {
-    match fixture {
-        Fixture::Free => "lever free".to_owned(),
-        Fixture::Clamped { angle_deg } => format!("lever clamped at {angle_deg} deg"),
-        Fixture::Driven { angle_deg } => format!("lever led to {angle_deg} deg"),
-        Fixture::Filled { angle_deg, pressure1_bar, pressure2_bar } => {
-            format!("lever held at {angle_deg} deg, chambers filled to {pressure1_bar} and {pressure2_bar} bar")
-        }
-        Fixture::Released { angle_deg, flow_ml_s } => {
-            format!("lever held at {angle_deg} deg, {flow_ml_s} ml/s out of chamber 1")
-        }
-        Fixture::PumpBench { pressure1_bar, pressure2_bar } => {
-            format!("pump between reservoirs at {pressure1_bar} and {pressure2_bar} bar")
-        }
-    }
+    progress.result(
+        "requests: what the operator is asked for within the run where the rig does not do it itself; `bench profile check RUN` lists them",
+    );
+    Ok(())
 }

@@ -3,6 +3,7 @@
 mod campaign;
 mod check;
 mod compare;
+mod confirm;
 mod demo;
 mod diagnose;
 mod doctor;
@@ -43,6 +44,7 @@ enum Command {
     Check(check::Args),
     Profile(profile::Args),
     Stop(stop::Args),
+    Confirm(confirm::Args),
     Record(record::Args),
     Recover(recover::Args),
     Replay(replay::Args),
@@ -68,6 +70,7 @@ pub fn run(cli: &Cli, progress: &Progress) -> Result<(), Failure> {
         Command::Check(args) => check::run(args, progress),
         Command::Profile(args) => profile::run(args, progress),
         Command::Stop(args) => stop::run(args, progress),
+        Command::Confirm(args) => confirm::run(args, progress),
         Command::Record(args) => record::run(args, progress),
         Command::Recover(args) => recover::run(args, progress),
         Command::Replay(args) => replay::run(args, progress),

@@ -57,7 +57,7 @@ pub fn replay(path: &Path) -> Result<Verdict, Failure> {
     let recorded = reader.run().clone();
     let setup = Setup::of_recorded(&recorded, &file)?;
     let script = Script::parse(&recorded.profile, &file).map_err(|e| Failure::of(Kind::Input, &e))?;
-    let context = profiles::Context { u_max_v: setup.u_max_v, seed: setup.seed, hands: profiles::Hands::Rig };
+    let context = profiles::Context { u_max_v: setup.u_max_v, seed: setup.seed, hands: setup.hands };
     let mut playback = script.compile(&context).map_err(|e| Failure::of(Kind::Input, &e))?;
     let mut controller = setup.knowledge.controller(script.plane)?;
     let mut supervisor = Supervisor::new(setup.limits).map_err(|e| Failure::of(Kind::Input, &e))?;

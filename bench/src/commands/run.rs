@@ -2,16 +2,19 @@
 
 use super::time::TimeArgs;
 use crate::devices::Devices;
+use crate::dry_run::predict;
 use crate::failure::{Failure, Kind};
 use crate::interrupt;
 use crate::keyboard::{self, Keyboard};
+use crate::operator;
 use crate::progress::Progress;
 use crate::recorder::OnFull;
-use crate::rig_file::Rig;
+use crate::rig_file::{DeviceSpec, Rig};
 use crate::runner::{Plan, Runner, certify, judge};
+use crate::setup::Knowledge;
 use crate::timing::Timing;
-use profiles::{BUILTIN, EXAMPLES, Script};
-use rt_core::{DemandListener, Switches};
+use profiles::{BUILTIN, Context, EXAMPLES, Script};
+use rt_core::{CommandServer, Switches};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -41,6 +44,12 @@ pub struct Args {
     /// Seed of the profile's random steps and of the emulated sensors
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Nobody is at the rig: a profile that would need people is refused before anything moves
+    #[arg(long)]
+    no_operator: bool,
+    /// Skip the dry run on the rig's model, which comes before a run on wires
+    #[arg(long)]
+    no_dry_run: bool,
 }
 
 pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
@@ -52,13 +61,18 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
             Failure::new(Kind::Input, format!("{}: can't be created: {error}; choose another --out", folder.display()))
         })?;
     }
+    if !args.no_dry_run {
+        dry_run(&script, &rig, args.seed, progress)?;
+    }
     let mode = args.time.mode();
     let notes = [("device".to_owned(), rig.name.clone()), ("instance".to_owned(), args.instance.clone())].into();
     let (switches, _driving) = interrupt::driving()?;
     let mut runner = Runner::open(&args.instance, rig.limits, mode.clone(), args.on_full, progress)?;
     runner.describe(rig.record()?);
     let mut devices = Devices::open(&rig.device, rig.limits.safe_state, &mode, runner.journals())?;
-    let mut device = devices.prepare(&script, args.seed, 0, rig.limits.safe_state, runner.journals())?;
+    let context = Context { u_max_v: rig.facts.u_max_v, seed: args.seed, hands: devices.hands() };
+    operator::require(&script, &context, args.no_operator, !args.time.realtime)?;
+    runner.operated_by(context.hands);
     let plan = Plan {
         script: &script,
         seed: args.seed,
@@ -68,13 +82,10 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
         notes: &notes,
     };
     let finished = listening(&args.instance, switches, progress, || {
-        let keys = Keyboard::watch(switches);
-        if keys.is_some() {
-            progress.say(keyboard::HELP);
-        }
+        runner.ask_to_prepare(&script, switches, progress)?;
+        let mut device = devices.prepare(&script, args.seed, 0, rig.limits.safe_state, runner.journals())?;
         runner.run(&plan, &mut *device, switches, progress)
     })?;
-    drop(device);
     drop(devices);
     runner.finish()?;
     progress.result(&finished.report.to_string());
@@ -89,7 +100,33 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     certify(&script.name, &finished.certificate)
 }
 
-/// Does the work while demands from other processes throw the switches.
+/// What the run would do to a rig on wires, by its own model, before anything moves.
+///
+/// # Errors
+/// It would trip, or fail (3).
+pub(super) fn dry_run(script: &Script, rig: &Rig, seed: u64, progress: &Progress) -> Result<(), Failure> {
+    let DeviceSpec::Wired(_) = &rig.device else { return Ok(()) };
+    let Knowledge::Model(model, _) = &rig.knowledge else {
+        progress.say("no dry run: the rig file names no model ([controller] model), so that nothing is predicted");
+        return Ok(());
+    };
+    let prediction = predict(script, rig, model, seed)?;
+    prediction.judge(script).map_err(|mut failure| {
+        failure.message.push_str("; --no-dry-run runs it all the same");
+        failure
+    })?;
+    let least = prediction.peaks.iter().filter_map(|peak| Some((prediction.margin(peak)?, peak.channel.name())));
+    if let Some((margin, name)) = least.min_by(|a, b| a.0.total_cmp(&b.0)) {
+        let duration_s = prediction.duration_s();
+        let percent = 100.0 * margin;
+        progress.say(&format!(
+            "dry run: {duration_s:.1} s, within all limits; nearest is the {name}'s, {percent:.0} % left"
+        ));
+    }
+    Ok(())
+}
+
+/// Does the work while the terminal's keys and commands from other processes are heard.
 pub(super) fn listening<T>(
     instance: &str,
     switches: &'static Switches,
@@ -100,16 +137,20 @@ pub(super) fn listening<T>(
     std::thread::scope(|scope| {
         scope.spawn(|| {
             // The port belongs to the thread that opens it.
-            let served = DemandListener::open(instance).and_then(|listener| {
+            let served = CommandServer::open(instance).and_then(|mut server| {
                 while !over.load(Ordering::Relaxed) {
-                    listener.serve(Duration::from_millis(50), switches)?;
+                    server.serve(Duration::from_millis(50), switches, &operator::open_request)?;
                 }
                 Ok(())
             });
             if let Err(error) = served {
-                progress.say(&format!("`bench stop` can't reach this run: {error}"));
+                progress.say(&format!("`bench stop` and `bench confirm` can't reach this run: {error}"));
             }
         });
+        let keys = Keyboard::watch(switches, progress);
+        if keys.is_some() {
+            progress.say(keyboard::HELP);
+        }
         let outcome = work();
         over.store(true, Ordering::Relaxed);
         outcome

@@ -1,11 +1,12 @@
 //! `bench stop [--emergency] [--instance NAME]`
 
 use crate::failure::{Failure, Kind};
+use crate::operator::PREPARATION;
 use crate::progress::Progress;
-use rt_core::{Delivery, Demand, Sample, SampleSubscriber, send_demand};
+use rt_core::{Delivery, RunCommand, Sample, SampleSubscriber, send_command};
 use std::time::{Duration, Instant};
 
-/// The loop hears a demand within a tick; this long its answer may take.
+/// The loop hears a command within a tick; this long its answer may take.
 const PATIENCE: Duration = Duration::from_secs(3);
 
 /// Stop a run of another process: orderly, or as an emergency
@@ -23,11 +24,15 @@ pub struct Args {
 
 pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     let link = |e| Failure::of(Kind::Device, &e);
-    let (demand, heard): (_, fn(&Sample) -> bool) =
-        if args.emergency { (Demand::EmergencyStop, Sample::tripped) } else { (Demand::Stop, Sample::last) };
-    // Before the demand: its effect shows in the samples.
+    let (command, heard): (_, fn(&Sample) -> bool) =
+        if args.emergency { (RunCommand::EmergencyStop, Sample::tripped) } else { (RunCommand::Stop, Sample::last) };
+    // Before the command: its effect shows in the samples.
     let mut subscriber = SampleSubscriber::open(&args.instance, Delivery::BestEffort).map_err(link)?;
-    send_demand(&args.instance, demand).map_err(link)?;
+    let answer = send_command(&args.instance, command, PATIENCE).map_err(link)?;
+    if answer.open.is_some_and(|open| open.request == PREPARATION) {
+        progress.result("stopped before the run: the rig was still being prepared");
+        return Ok(());
+    }
     let begin = Instant::now();
     let mut samples = Vec::new();
     while begin.elapsed() < PATIENCE {
@@ -40,7 +45,7 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
         }
     }
     let message = format!(
-        "instance {:?} took the demand, but no sample within {} s shows it: no run goes on, or its publication stalls",
+        "instance {:?} took the command, but no sample within {} s shows it: no run goes on, or its publication stalls",
         args.instance,
         PATIENCE.as_secs()
     );

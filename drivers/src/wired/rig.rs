@@ -44,6 +44,8 @@ pub struct WiredRig {
     heartbeats: Vec<Heartbeat>,
     twins: Twins,
     safe_state: SafeState,
+    /// The rig file maps an automatic fixture.
+    has_fixture: bool,
     preparation: Option<Preparation>,
     /// Tick 0 of the run on `CLOCK_MONOTONIC`, ns; 0 where there is no real time.
     origin_ns: u64,
@@ -91,12 +93,18 @@ impl WiredRig {
             heartbeats,
             twins: Twins::new(&settings.can, database),
             safe_state,
+            has_fixture: settings.can.fixture.is_some(),
             preparation: None,
             origin_ns: 0,
             commanded: None,
             acting: (Fixture::Free, 0),
             frames: [nothing; MOST_FRAMES],
         })
+    }
+
+    /// Whether an automatic fixture does the operator's part.
+    pub fn has_fixture(&self) -> bool {
+        self.has_fixture
     }
 
     /// Prepares the rig for a run and arms the amplifier: to begin a run is the operator's word. Sends the start command at 0 V
