@@ -94,7 +94,7 @@ impl Survey {
                 let list = u32::from_le_bytes([fields[2], fields[3], fields[4], fields[5]]);
                 u64::from(list) == length - 6 && list.is_multiple_of(16)
             }
-            op::HEADER => at == MAGIC.len() as u64 && length < 4096,
+            op::HEADER => at == MAGIC.len() as u64 && is_header(&read(file, at + RECORD_HEADER as u64..end)?),
             op::DATA_END => length == 4,
             op::FOOTER => length == 20,
             // The summary, and the event that closes a recording which was cut short. Nothing is taken from them; only
@@ -185,6 +185,12 @@ pub(crate) fn open_chunk(chunk: &mut Chunk, record: &[u8]) -> Option<()> {
     }
     chunk.rewind();
     Some(())
+}
+
+/// Two texts and nothing else: a length that was damaged must not hide what stands behind.
+fn is_header(content: &[u8]) -> bool {
+    let Ok(Record::Header(header)) = parse_record(op::HEADER, content) else { return false };
+    content.len() == 8 + header.profile.len() + header.library.len()
 }
 
 /// Bytes of the file.

@@ -1,4 +1,4 @@
-//! Python with pinned packages, for tests against programs that nobody here wrote.
+//! Python with pinned packages, for tests against programs that nobody here wrote. Other crates' tests take this file by its path.
 //!
 //! [`python`] makes a virtual environment below the target directory, once for each set of packages. It needs `python3` with `venv`
 //! and, the first time, a package index. Where one is missing the test says so on stderr and is left out; with
@@ -30,9 +30,10 @@ pub fn python(packages: &[&str]) -> Option<PathBuf> {
             let test = std::thread::current().name().unwrap_or("?").to_owned();
             let text = format!(
                 "\n*** NOT RUN: {test}: it needs python3 with venv and the packages {}.\n*** {}\n*** To run it: install python3 and \
-                 python3-venv, let pip reach a package index, then {POLICY}=required cargo test --release -p drivers {test}\n\n",
+                 python3-venv, let pip reach a package index, then {POLICY}=required cargo test --release -p {} {test}\n\n",
                 packages.join(", "),
                 why.trim().replace('\n', "\n*** "),
+                env!("CARGO_PKG_NAME"),
             );
             assert!(std::env::var(POLICY).as_deref() != Ok("required"), "{text}");
             // The test harness swallows what `eprint` prints, not this.

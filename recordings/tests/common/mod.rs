@@ -1,6 +1,8 @@
 //! Made-up runs for the tests. No physics: what is tested is that bytes and samples agree.
 #![allow(dead_code)] // each test binary uses its part
 
+pub mod golden;
+
 use std::collections::BTreeMap;
 
 use recordings::{McapWriter, Plane, Protocol, Recording, Role, RunMetadata};
