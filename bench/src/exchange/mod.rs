@@ -8,7 +8,7 @@ pub mod format;
 pub mod import;
 mod mdf_blocks;
 mod mdf_file;
-mod output;
+pub mod output;
 mod parquet_file;
 pub mod source;
 pub mod table;
