@@ -61,7 +61,8 @@ fn a_profile_that_fits_is_said_in_words_with_its_times_and_peaks() {
         "for each share = 0.5 .. 0.9 by 0.2",
         "$share u_max",
         "until angle_deg above 20, at most 6 s",
-        "until angle_deg below -20 or pressure1_bar steady within 0.001 for 0.5 s, at most 6 s",
+        "until angle_deg below -20",
+        "or pressure1_bar steady within 0.001 for 0.5 s, at most 6 s",
         "operator: nothing is asked, the rig does that part itself",
         "duration: 1.006 .. 37.000 s, ",
         "line 15 (share = 0.9)",
@@ -166,7 +167,8 @@ fn a_wired_rig_asks_people_and_without_a_model_nothing_is_predicted() {
     for part in [
         "NO DRY RUN",
         "--model model.toml",
-        "operator: asked ",
+        "operator: asked up to ",
+        "prepare the rig for torque_map",
         "clamp the lever at -30 deg",
         "people take their own time",
     ] {

@@ -36,6 +36,6 @@ pub use condition::Channel;
 pub use envelope::{Envelope, EnvelopeError};
 pub use error::ScriptError;
 pub use needs::Need;
-pub use outline::Row;
+pub use outline::OutlineRow;
 pub use playback::{Place, Playback, Timeout, Waited};
 pub use script::{ANGLE_LIMIT_DEG, Context, PRESSURE_LIMIT_BAR, Plane, Protocol, RandomSteps, Role, Script};

@@ -10,7 +10,7 @@ use toml::Spanned;
 
 /// A row of an outline.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Row {
+pub struct OutlineRow {
     /// Line of the script where the step begins, from 1.
     pub line: usize,
     /// Loops around it.
@@ -25,7 +25,7 @@ pub struct Row {
 
 impl Script {
     /// The script in words: the start, then its steps as they are written.
-    pub fn outline(&self) -> Vec<Row> {
+    pub fn outline(&self) -> Vec<OutlineRow> {
         // The text was read once before; where it could not be, there would be no script.
         let Ok(raw) = toml::from_str::<RawScript>(&self.text) else { return Vec::new() };
         let mut outline = Outline { text: &self.text, rows: Vec::new() };
@@ -37,14 +37,14 @@ impl Script {
 
 struct Outline<'a> {
     text: &'a str,
-    rows: Vec<Row>,
+    rows: Vec<OutlineRow>,
 }
 
 impl Outline<'_> {
     fn row(&mut self, offset: usize, depth: usize, what: String, ends: String) {
         let before = &self.text.as_bytes()[..offset.min(self.text.len())];
         let line = 1 + before.iter().filter(|&&byte| byte == b'\n').count();
-        self.rows.push(Row { line, depth, what, ends, operator: String::new() });
+        self.rows.push(OutlineRow { line, depth, what, ends, operator: String::new() });
     }
 
     fn start(&mut self, start: &Spanned<RawStart>) {

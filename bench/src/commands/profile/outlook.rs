@@ -18,7 +18,9 @@ pub(super) struct Outlook {
     pub overrun: &'static str,
     /// The steps as they are written.
     pub steps: Vec<Step>,
-    /// What people are asked for, in order; none where the rig does it itself.
+    /// What people prepare before the run; none where the rig does it itself.
+    pub preparation: Option<String>,
+    /// What people are asked for at most, in order; none where the rig does it itself.
     pub requests: Vec<Asked>,
     /// Who does the operator's part: `rig` or `people`.
     pub hands: &'static str,
@@ -152,6 +154,7 @@ impl Outlook {
             about: script.about.clone(),
             overrun: script.overrun.as_str(),
             steps: steps.collect(),
+            preparation: (hands == Hands::People).then(|| script.preparation()),
             requests: requests.collect(),
             hands: hands.as_str(),
             faults: script.faults.len(),

@@ -2,9 +2,14 @@
 
 use super::outlook::{At, DryRun, Outlook, Value};
 use crate::commands::results::aligned;
+use std::collections::BTreeMap;
 
-/// More requests or time-outs than this are counted, not listed.
+/// More requests than this are counted, not listed.
 const LISTED: usize = 12;
+/// So many time-outs of one line are told in full.
+const TOLD: usize = 2;
+/// Conditions are broken into lines of about this many characters.
+const WIDE: usize = 60;
 
 /// The lines of an outlook.
 pub(super) fn text(outlook: &Outlook) -> Vec<String> {
@@ -13,6 +18,7 @@ pub(super) fn text(outlook: &Outlook) -> Vec<String> {
     lines.push(String::new());
     lines.extend(steps(outlook));
     lines.push(String::new());
+    lines.extend(outlook.preparation.clone());
     lines.extend(requests(outlook));
     if outlook.faults > 0 {
         lines.push(format!("faults: {} are injected", outlook.faults));
@@ -44,13 +50,31 @@ fn steps(outlook: &Outlook) -> Vec<String> {
     for step in &outlook.steps {
         let asked = if step.operator.is_empty() { String::new() } else { format!("; asks: {}", step.operator) };
         let what = format!("{}{}{asked}", "  ".repeat(step.depth), step.what);
-        let mut row = vec![step.line.to_string(), what, step.ends.clone()];
+        let mut ends = broken(&step.ends).into_iter();
+        let mut row = vec![step.line.to_string(), what, ends.next().unwrap_or_default()];
         if let (Some(passes), Some(time_s)) = (step.passes, step.time_s) {
             row.extend([passes.to_string(), format!("{time_s:.3}")]);
         }
         rows.push(row);
+        rows.extend(ends.map(|end| vec![String::new(), String::new(), end]));
     }
     aligned(&rows)
+}
+
+/// At the words "or", where it is long.
+fn broken(text: &str) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for (number, part) in text.split(" or ").enumerate() {
+        let part = if number > 0 { format!("or {part}") } else { part.to_owned() };
+        match lines.last_mut() {
+            Some(line) if line.len() + part.len() < WIDE => {
+                line.push(' ');
+                line.push_str(&part);
+            }
+            _ => lines.push(part),
+        }
+    }
+    lines
 }
 
 fn requests(outlook: &Outlook) -> Vec<String> {
@@ -59,7 +83,8 @@ fn requests(outlook: &Outlook) -> Vec<String> {
         let why = if outlook.hands == "rig" { "the rig does that part itself" } else { "the script has none for them" };
         return vec![format!("operator: nothing is asked, {why}")];
     }
-    let mut lines = vec![format!("operator: asked {} times", requests.len())];
+    let mut lines =
+        vec![format!("operator: asked up to {} times; what is as wanted already is not asked", requests.len())];
     lines.extend(requests.iter().take(LISTED).map(|asked| {
         let amount = if asked.amount { ", with the volume in ml" } else { "" };
         format!("  {}: {}{amount}", place(&asked.place), asked.text)
@@ -94,8 +119,7 @@ fn prediction(dry: &DryRun) -> Vec<String> {
     }));
     lines.extend(aligned(&rows));
     lines.push(String::new());
-    lines.extend(dry.timeouts.iter().take(LISTED).map(|struck| format!("time-out: {}", struck.message)));
-    lines.extend(more(dry.timeouts.len()));
+    lines.extend(timeouts(dry));
     if let Some(trip) = &dry.trip {
         lines.push(format!(
             "WOULD TRIP at {:.3} s in the step of {}: {}",
@@ -109,6 +133,22 @@ fn prediction(dry: &DryRun) -> Vec<String> {
     }
     if dry.trip.is_none() && dry.failed.is_none() {
         lines.push("within all limits".to_owned());
+    }
+    lines
+}
+
+/// The first of each line of the script; the others are counted.
+fn timeouts(dry: &DryRun) -> Vec<String> {
+    let mut by_line: BTreeMap<usize, Vec<&str>> = BTreeMap::new();
+    for struck in &dry.timeouts {
+        by_line.entry(struck.place.line).or_default().push(&struck.message);
+    }
+    let mut lines = Vec::new();
+    for (line, messages) in by_line {
+        lines.extend(messages.iter().take(TOLD).map(|message| format!("time-out: {message}")));
+        if messages.len() > TOLD {
+            lines.push(format!("time-out: line {line}: {} times more; --json lists them all", messages.len() - TOLD));
+        }
     }
     lines
 }
