@@ -1,7 +1,7 @@
 //! `bench emulate` as a person uses it: a rig on wires in one process, the bench that runs it in another.
 
-use recordings::{Item, McapReader};
-use rt_core::{Input, Sample, flags};
+use recordings::{AmplifierReport, Item, McapReader};
+use rt_core::{Input, PERIOD_NS, Sample, flags};
 use rustix::process::{Pid, Signal, kill_process};
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
@@ -73,6 +73,32 @@ fn samples(path: &Path) -> Vec<Sample> {
     items.filter_map(|item| if let Item::Sample(sample) = item { Some(sample) } else { None }).collect()
 }
 
+/// The recording holds the amplifier's reports, each within its tick, and the files of the rig.
+fn reported(recording: &Path, samples: &[Sample], rig: &Path) {
+    let reader = McapReader::open(recording).expect("a recording");
+    let run = reader.run().clone();
+    for (name, file) in [("rig.toml", "rig.toml"), ("rig.dbc", "rec.dbc")] {
+        assert_eq!(run.files[name], std::fs::read_to_string(rig.join(file)).expect("a rig's file"));
+    }
+    assert!(
+        run.calibration.contains("full_scale_v") && run.calibration.contains("pressure1_bar"),
+        "{}",
+        run.calibration
+    );
+    let reports =
+        reader.filter_map(|item| if let Item::Amplifier(report) = item.expect("sound") { Some(report) } else { None });
+    let reports: Vec<AmplifierReport> = reports.collect();
+    let last = samples.last().expect("samples").tick;
+    assert!(reports.len() > 20, "{} reports of {last} ticks", reports.len());
+    assert!(reports.is_sorted_by_key(|report| report.arrived_ns));
+    for report in &reports {
+        assert!(report.tick == report.arrived_ns / PERIOD_NS && report.tick <= last, "{report:?}");
+        assert!((20.0..30.0).contains(&report.supply_v) && report.fault.is_none(), "{report:?}");
+    }
+    let any = |of: &dyn Fn(&AmplifierReport) -> bool| reports.iter().any(of);
+    assert!(any(&|report| report.motor_current_a > 0.05) && any(&|report| report.motor_current_a < -0.05), "both ways");
+}
+
 /// Two seconds at +-6 V. The limits of age are those of a loaded machine.
 fn profile(dir: &Path) -> String {
     let text = "name = \"short\"\nprotocol = \"square-wave\"\nrole = \"validate\"\nplane = \"horizontal\"\n\
@@ -140,6 +166,8 @@ fn a_run_over_both_wires_moves_the_rig_and_the_rig_ends_cleanly() {
         let pressures = measured.iter().map(|s| s.pressure1_bar);
         let (low, high) = pressures.fold((f64::INFINITY, 0.0f64), |(low, high), p| (low.min(p), high.max(p)));
         assert!(high - low > 0.1, "the pump moves oil: {low} .. {high} bar");
+
+        reported(Path::new(&recording), &all, &dir.path().join("rig"));
 
         let (stdout, stderr, code) = emulated.end();
         assert_eq!(code, Some(0), "{stdout}{stderr}");

@@ -1,6 +1,8 @@
 //! The logger alone, against a publication that is driven by hand.
 
 use bench::logger::{Logger, LoggerError};
+use drivers::amplifier::Telemetry;
+use drivers::telemetry::{AHEAD, Arrived, telemetry_log};
 use recordings::{Event, Item, McapReader, Plane, Protocol, Role, RunMetadata, Severity};
 use rt_core::{PERIOD_NS, Pace, Publication, Publish, Sample, flags};
 use std::process::{Command, Stdio};
@@ -168,4 +170,50 @@ fn limit_file_size(bytes: u64) {
         libc::signal(libc::SIGXFSZ, libc::SIG_IGN);
         assert_eq!(libc::setrlimit(libc::RLIMIT_FSIZE, &raw const limit), 0);
     }
+}
+
+#[test]
+fn the_amplifier_s_reports_stand_in_the_recording_and_what_is_missing_is_said() {
+    const ORIGIN_NS: u64 = 55_000_000_000;
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    let (mut publication, mut logger) = start("logger-reports");
+    let (mut log, reader) = telemetry_log();
+    logger.record_amplifier(reader).expect("it runs");
+    let mut at = |since_origin_ns: u64, speed_rpm: f32| {
+        let telemetry = Telemetry { speed_rpm, ..Telemetry::UNTOLD };
+        log.note(Arrived { received_ns: ORIGIN_NS + since_origin_ns, telemetry });
+    };
+    let mut run = |number: u32, publication: &mut Publication, logger: &mut Logger| {
+        let path = dir.path().join(format!("{number}.mcap"));
+        logger.begin(number, path.clone(), metadata(), |_| {}).expect("a new file");
+        let reports = if number == 0 { 300 } else { AHEAD as u64 + 5 };
+        (0..reports).for_each(|n| at(n * PERIOD_NS / if number == 0 { 1 } else { 100 } + 250, n as f32));
+        for tick in 0..300 {
+            let woken_ns = ORIGIN_NS + tick * PERIOD_NS + 40;
+            let sample = Sample { woken_ns, lateness_ns: 40, ..sample(number, tick, tick == 299) };
+            publication.publish(&sample);
+        }
+        publication.settle(PATIENCE).expect("the logger takes them");
+        let recorded = logger.end(number, Some(300), vec![]).expect("closed");
+        let items: Vec<Item> = McapReader::open(&path).expect("ours").map(|item| item.expect("sound")).collect();
+        (recorded, items)
+    };
+    let (recorded, items) = run(0, &mut publication, &mut logger);
+    assert_eq!(recorded.lost_reports, 0);
+    let expected = (0..300u64).flat_map(|n| [(false, n), (true, n)]);
+    let got = items.iter().map(|item| match item {
+        Item::Sample(sample) => (false, sample.tick),
+        Item::Amplifier(report) => {
+            assert_eq!((report.arrived_ns, report.speed_rpm), (report.tick * PERIOD_NS + 250, report.tick as f64));
+            (true, report.tick)
+        }
+        Item::Event(event) => panic!("{event:?}"),
+    });
+    assert!(got.eq(expected), "each report after the sample of its tick");
+
+    let (recorded, items) = run(1, &mut publication, &mut logger);
+    assert_eq!(recorded.lost_reports, 5);
+    assert_eq!(items.iter().filter(|item| matches!(item, Item::Amplifier(_))).count(), AHEAD);
+    let said = |item: &Item| matches!(item, Item::Event(event) if event.text.contains("5 reports"));
+    assert!(items.iter().any(said) && recorded.certificate.is_lossless());
 }
