@@ -1,6 +1,7 @@
 //! The loop's end of a bus: none of what it calls waits, locks or allocates.
 
-use super::thread::{self, Orders, Set};
+use super::orders::{Orders, Set};
+use super::thread;
 use super::{BusState, CanError, Condition, Frame, FrameId, Interface, TimedFrame};
 use crate::exchange::{Giver, Taker, exchange};
 use crate::journal::Journal;

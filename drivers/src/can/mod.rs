@@ -12,6 +12,8 @@ mod error_frame;
 mod frame;
 mod interface;
 mod link;
+mod orders;
+mod overflow;
 mod poll;
 mod port;
 mod report;

@@ -107,6 +107,14 @@ impl Port {
         }
     }
 
+    /// Frames that the system dropped since the port was opened, because this end did not read; it wraps. A Unix socket drops none: its sender waits.
+    pub(super) fn dropped(&self) -> u32 {
+        match self {
+            Port::SocketCan(port) => port.dropped(),
+            Port::Unix(_) => 0,
+        }
+    }
+
     /// What the system says about the controller; nothing where there is none.
     pub(super) fn controller(&self) -> Option<Controller> {
         match self {

@@ -20,6 +20,7 @@ pub(super) struct Reporter {
     unnoted: Option<(u32, Condition)>,
     unsent: Counted,
     lost: Counted,
+    dropped: Counted,
     errors: Counted,
     /// The first error frame since the last summary.
     problem: Option<ErrorFrame>,
@@ -56,6 +57,7 @@ impl Reporter {
             unnoted: None,
             unsent: Counted::default(),
             lost: Counted::default(),
+            dropped: Counted::default(),
             errors: Counted::default(),
             problem: None,
         }
@@ -88,6 +90,11 @@ impl Reporter {
         self.lost.add(1);
     }
 
+    /// Before this thread could read them.
+    pub(super) fn dropped(&mut self, frames: u64) {
+        self.dropped.add(frames);
+    }
+
     pub(super) fn problem(&mut self, error: ErrorFrame) {
         self.errors.add(1);
         self.problem.get_or_insert(error);
@@ -110,6 +117,10 @@ impl Reporter {
                 when,
                 format_args!("{interface}: {frames} frames lost: more than the loop takes came; does a node babble?"),
             );
+        }
+        if let Some((frames, when)) = self.dropped.take() {
+            let why = "this thread was held up; give it a processor, or raise net.core.rmem_max";
+            note(when, format_args!("{interface}: {frames} frames dropped by the system, its buffer was full: {why}"));
         }
         if let (Some((frames, when)), Some(first)) = (self.errors.take(), self.problem.take()) {
             note(when, format_args!("{interface}: {frames} error frames, first: {first}"));

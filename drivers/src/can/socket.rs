@@ -1,6 +1,7 @@
 //! A bus by SocketCAN: raw socket, filters in the kernel, error frames, receive times.
 
 use super::arrival::{Arrivals, monotonic_ns};
+use super::overflow;
 use super::poll::{self, polled};
 use super::port::{Controller, Heard, Wanted};
 use super::wire::{self, Content};
@@ -96,6 +97,11 @@ impl SocketCan {
 
     pub(super) async fn room(&self) -> io::Result<()> {
         poll::room(self.socket.get_ref()).await
+    }
+
+    /// Frames that the kernel dropped since the socket was opened; it wraps.
+    pub(super) fn dropped(&self) -> u32 {
+        overflow::dropped(self.socket.get_ref()).unwrap_or(0)
     }
 
     pub(super) fn controller(&self) -> Option<Controller> {

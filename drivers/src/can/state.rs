@@ -54,7 +54,7 @@ pub struct BusState {
     pub unsent: u64,
     /// Wanted frames that came.
     pub received: u64,
-    /// Of these, those that the loop did not get: it had not taken 1024 others.
+    /// Wanted frames that the loop did not get: it had not taken 1024 others, or the system's buffer was full.
     pub lost: u64,
     /// Error frames.
     pub errors: u64,

@@ -1,18 +1,16 @@
 //! The thread that owns a bus.
 
-use super::link::MOST_COMMAND_FRAMES;
+use super::orders::{Orders, Set};
 use super::poll::polled;
 use super::port::{End, Heard, Port, Wanted, is_full};
 use super::report::{EVERY, Reporter};
 use super::state::Shared;
-use super::{CanError, Condition, ErrorFrame, Frame, FrameId, Interface, TimedFrame};
+use super::{CanError, Condition, ErrorFrame, FrameId, Interface, TimedFrame};
 use crate::exchange::{Giver, Taker};
 use crate::journal::{Journal, Severity};
 use std::io;
 use std::os::fd::OwnedFd;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
-use std::sync::atomic::AtomicU64;
 use std::sync::atomic::Ordering::{Acquire, Relaxed};
 use std::sync::mpsc::SyncSender;
 use std::time::Duration;
@@ -23,48 +21,6 @@ use tokio::time::{Instant, Interval, MissedTickBehavior, interval_at, timeout};
 const AGAIN: Duration = Duration::from_millis(200);
 /// The last set of commands may wait so long for room.
 const LAST_SET: Duration = Duration::from_millis(100);
-
-/// A set of command frames.
-#[derive(Clone, Copy)]
-pub(super) struct Set {
-    /// Counts the sets, from 1.
-    pub(super) number: u64,
-    frames: [Frame; MOST_COMMAND_FRAMES],
-    length: usize,
-}
-
-impl Set {
-    /// The frames that have a place in it; `None` where there are none.
-    pub(super) fn new(number: u64, frames: &[Frame]) -> Option<Set> {
-        let length = frames.len().min(MOST_COMMAND_FRAMES);
-        let mut set = Set { number, frames: [*frames.first()?; MOST_COMMAND_FRAMES], length };
-        set.frames[..length].copy_from_slice(&frames[..length]);
-        Some(set)
-    }
-
-    fn frames(&self) -> &[Frame] {
-        &self.frames[..self.length]
-    }
-}
-
-/// What loop and thread share besides the queues.
-pub(super) struct Orders {
-    pub(super) shared: Shared,
-    /// Number of the newest set, whether or not there was room for it.
-    pub(super) newest: AtomicU64,
-    /// Send what there is and end.
-    pub(super) stop: AtomicBool,
-}
-
-impl Orders {
-    pub(super) fn new() -> Orders {
-        Orders { shared: Shared::new(), newest: AtomicU64::new(0), stop: AtomicBool::new(false) }
-    }
-
-    pub(super) fn unsent(&self, frames: u64) {
-        self.shared.unsent.fetch_add(frames, Relaxed);
-    }
-}
 
 /// What the thread is given.
 pub(super) struct Worker {
@@ -179,7 +135,7 @@ impl Bus {
     }
 
     async fn serve(&mut self, port: &Port) -> Ended {
-        let mut every = summaries();
+        let (mut every, mut dropped) = (summaries(), 0);
         loop {
             // In the order of their weight: a node that babbles must keep no command back.
             let done = tokio::select! {
@@ -187,12 +143,14 @@ impl Bus {
                 () = woken(&self.wake) => {
                     self.take_newest();
                     if self.worker.orders.stop.load(Acquire) {
+                        self.count_dropped(port, &mut dropped);
                         self.finish(port).await;
                         return Ended::Stopped;
                     }
                     self.push(port)
                 }
                 _ = every.tick() => {
+                    self.count_dropped(port, &mut dropped);
                     self.report.sum_up();
                     self.ask_controller(port);
                     Ok(())
@@ -273,6 +231,16 @@ impl Bus {
         if frames > 0 {
             self.worker.orders.unsent(frames);
             self.report.unsent(frames);
+        }
+    }
+
+    /// What the system dropped is lost like what the loop does not take. `before`: as it was the last time.
+    fn count_dropped(&mut self, port: &Port, before: &mut u32) {
+        let now = port.dropped();
+        let frames = u64::from(now.wrapping_sub(std::mem::replace(before, now)));
+        if frames > 0 {
+            self.shared().lost.fetch_add(frames, Relaxed);
+            self.report.dropped(frames);
         }
     }
 
