@@ -19,7 +19,9 @@ pub fn aftermath(outcome: &Result<RunReport, LoopError>) -> (Option<u64>, Vec<Ev
             };
             (Some(ticks), events)
         }
-        Err(LoopError::Device { source, .. }) => (None, vec![event(source.tick, Severity::Error, source.to_string())]),
+        Err(LoopError::Device { source, statistics, .. }) => {
+            (Some(statistics.ticks), vec![event(source.tick, Severity::Error, source.to_string())])
+        }
         Err(error) => (Some(0), vec![event(0, Severity::Error, error.to_string())]),
     }
 }

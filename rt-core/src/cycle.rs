@@ -54,6 +54,8 @@ pub enum LoopError {
         source: DeviceError,
         /// Whether the safe state could be written.
         safe_state: Result<(), DeviceError>,
+        /// The counts, the failed tick among them.
+        statistics: Statistics,
     },
     /// The run was refused, because a trip is still latched.
     #[error("run {run} refused: the supervisor is still tripped ({trip}); remove the cause, then reset the supervisor")]
@@ -122,6 +124,7 @@ impl Cycle<'_> {
     fn begin(&mut self) {
         let Stages { clock, device, supervisor, controller, flight, .. } = &mut self.stages;
         supervisor.begin_run();
+        supervisor.held_at_start(self.acting.0);
         controller.begin_run();
         flight.begin_run();
         clock.start();
@@ -227,12 +230,13 @@ impl Cycle<'_> {
         }
         self.statistics.incidents_dropped = flight.end_run();
         let run = self.run.number;
-        written.map_err(|source| LoopError::Device { run, safe_state: Err(source.clone()), source })?;
+        let statistics = self.statistics;
+        written.map_err(|source| LoopError::Device { run, safe_state: Err(source.clone()), source, statistics })?;
         Ok(RunReport { run, ended, trip: supervisor.trip().copied(), statistics: self.statistics })
     }
 
     /// The device failed within this tick: safe state at once, and a last sample, so that loggers can close the run.
-    fn fail(self, wake: &Wake, source: DeviceError) -> LoopError {
+    fn fail(mut self, wake: &Wake, source: DeviceError) -> LoopError {
         let safe = self.safe_command();
         let Stages { clock, device, supervisor, publish, flight, .. } = self.stages;
         let safe_state = device.write(wake.tick, &safe).and_then(|()| device.end_run());
@@ -243,10 +247,12 @@ impl Cycle<'_> {
         let timed = Timed { publish_ns: self.publish_ns, ..Timed::default() };
         let mut sample = self.run.sample(wake, self.skipped, &timed, &Measurement::NONE, &safe, state);
         sample.trip = supervisor.trip().map_or(0, Trip::code);
-        publish.publish_patiently(&sample);
-        flight.record(FlightTick { sample, publish_ns: 0, ended_ns });
-        flight.end_run();
-        LoopError::Device { run: self.run.number, source, safe_state }
+        let handover = publish.publish_patiently(&sample);
+        let flown = FlightTick { sample, publish_ns: 0, ended_ns };
+        self.statistics.account(&flown, handover);
+        flight.record(flown);
+        self.statistics.incidents_dropped = flight.end_run();
+        LoopError::Device { run: self.run.number, source, safe_state, statistics: self.statistics }
     }
 }
 

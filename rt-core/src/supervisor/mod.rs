@@ -25,6 +25,8 @@ pub struct Supervisor {
     trip: Option<Trip>,
     /// Fixture of the command that acts while the next measurement is taken; unknown before the first command.
     acting: Option<Fixture>,
+    /// What holds the lever before the first command.
+    at_start: Option<Fixture>,
     /// The last voltage that was released, and when.
     released: Option<(Tick, f64)>,
     slew_limited: bool,
@@ -44,6 +46,7 @@ impl Supervisor {
             limits,
             trip: None,
             acting: None,
+            at_start: None,
             released: None,
             slew_limited: false,
             missing: [0; 3],
@@ -82,6 +85,7 @@ impl Supervisor {
     /// A run begins: what was measured in the run before has no bearing. A latched trip stays.
     pub fn begin_run(&mut self) {
         self.acting = None;
+        self.at_start = None;
         self.released = None;
         self.slew_limited = false;
         self.missing = [0; 3];
@@ -94,6 +98,11 @@ impl Supervisor {
     /// judged. Whatever is measured must still be within its limits: pressures, angle, torque. So must the drivers' heartbeat.
     pub fn hands_on(&mut self, hands_on: bool) {
         self.hands_on = hands_on;
+    }
+
+    /// What holds the lever before the first command of the run that begins: a run that goes safe at its first tick leaves it there.
+    pub fn held_at_start(&mut self, fixture: Fixture) {
+        self.at_start = Some(fixture);
     }
 
     /// Judges what people ask for and what was measured at this tick.
@@ -145,9 +154,10 @@ impl Supervisor {
 
     /// The safe state as this tick's command: after a trip, or because the run is to end. The slew limit does not hold it
     /// back. What holds the lever goes on holding it, whatever fixture the profile has come to; `fixture` counts only
-    /// where nothing was commanded before.
+    /// where nothing was commanded before, nor known of the start.
     pub fn rest(&mut self, now: Tick, fixture: Fixture, segment: u32) -> Command {
-        let safe = self.limits.safe_state.command(self.acting.unwrap_or(fixture), segment);
+        let held = self.acting.or(self.at_start).unwrap_or(fixture);
+        let safe = self.limits.safe_state.command(held, segment);
         self.slew_limited = false;
         self.acting = Some(safe.fixture);
         self.released = Some((now, safe.voltage_v));
