@@ -1,6 +1,7 @@
 //! The test bench: the only place where the loop, the devices, the recordings and the identification meet.
 
 mod amplifier_log;
+pub mod blind;
 pub mod campaign;
 pub mod commands;
 pub mod controller;

@@ -1,5 +1,6 @@
 //! The commands, one file each.
 
+mod blind;
 mod campaign;
 mod check;
 mod compare;
@@ -51,6 +52,7 @@ enum Command {
     Demo(demo::Args),
     Identify(identify::Args),
     Diagnose(diagnose::Args),
+    Blind(blind::Args),
     Simulate(simulate::Args),
     Compare(compare::Args),
     Latency(latency::Args),
@@ -77,6 +79,7 @@ pub fn run(cli: &Cli, progress: &Progress) -> Result<(), Failure> {
         Command::Demo(args) => demo::run(args, progress),
         Command::Identify(args) => identify::run(args, progress),
         Command::Diagnose(args) => diagnose::run(args, progress),
+        Command::Blind(args) => blind::run(args, progress),
         Command::Simulate(args) => simulate::run(args, progress),
         Command::Compare(args) => compare::run(args, progress),
         Command::Latency(args) => latency::run(args, progress),

@@ -1,0 +1,362 @@
+//! Other forms of effects that the library has. A name is the claim, not the equation: another simulator writes the same friction or the
+//! same leak in another way, and the diagnosis must name it all the same.
+
+use model::effects::{Balance, Effect, Header, Law, Parameter};
+use model::port::{AMBIENT_BAR, Port, PortKind, Rest};
+use model::scalar::Scalar;
+
+/// The id that each form stands for, and the form.
+pub static FORMS: &[(&str, &dyn Effect)] = &[
+    ("elastic_hysteresis", &BoucWen),
+    ("stribeck_friction", &StribeckExponential),
+    ("pressure_friction", &PressureFrictionRational),
+    ("end_stop", &EndStopQuadratic),
+    ("wall_creep", &WallCreepTwoTimes),
+    ("cross_leakage", &CrossLeakagePower),
+    ("external_leakage", &ExternalLeakageOrifice),
+    ("trapped_air", &TrappedAirPolytropic),
+    ("pump_lag", &PumpLagSecondOrder),
+    ("pump_warming", &PumpWarmingHyperbolic),
+    ("pressure_drift", &PressureDriftLinear),
+];
+
+/// The name by which an effect must be found: of a form the id that it stands for, of any other its own.
+pub fn name_of(effect: &dyn Effect) -> &'static str {
+    let id = effect.header().id;
+    FORMS.iter().find(|(_, form)| form.header().id == id).map_or(id, |(name, _)| name)
+}
+
+const VALIDITY: &str = "stands in for another simulator's form";
+const MEASURE: &str = "as the effect of that name";
+
+const fn size(name: &'static str, unit: &'static str, upper: f64, typical: f64) -> Parameter {
+    Parameter { name, unit, lower: 0.0, upper, typical, size: true }
+}
+
+const fn shape(name: &'static str, unit: &'static str, lower: f64, upper: f64, typical: f64) -> Parameter {
+    Parameter { name, unit, lower, upper, typical, size: false }
+}
+
+/// Header of a form; what all have in common.
+const fn header(
+    id: &'static str,
+    balance: Balance,
+    ports: &'static [PortKind],
+    equation: &'static str,
+    parameters: &'static [Parameter],
+    states: usize,
+    starts: &'static [&'static [f64]],
+) -> Header {
+    Header {
+        id,
+        balance,
+        ports,
+        summary: "another form of a known effect",
+        equation,
+        validity: VALIDITY,
+        measure: MEASURE,
+        literature: "",
+        parameters,
+        states,
+        starts,
+        passive: false,
+    }
+}
+
+/// Hysteresis by Bouc and Wen with exponent 2 (Wen, J. Eng. Mech. 102, 1976).
+struct BoucWen;
+
+impl Law for BoucWen {
+    const HEADER: Header = header(
+        "elastic_hysteresis_bouc_wen",
+        Balance::Torque,
+        &[PortKind::Mechanical],
+        "M -= k*z, d*z' = w - (0.7*abs(w)*abs(z) + 0.3*w*z^2/abs(z))*z",
+        &[size("k", "Nm", 10.0, 0.2), shape("d", "rad", 0.002, 1.5, 0.1)],
+        1,
+        &[&[0.1, 0.05], &[0.3, 0.15], &[0.3, 0.4]],
+    );
+
+    fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Mechanical(m) = port {
+            let (w, z) = (m.velocity_rad_s, x[0]);
+            dx[0] = (w - w.abs() * z.abs() * z * 0.7 - w * z * z * 0.3) / k[1];
+            m.torque_nm -= k[0] * z;
+        }
+    }
+}
+
+/// A peak that falls with exp(-abs(w)/w_v) (Tustin's form).
+struct StribeckExponential;
+
+impl Law for StribeckExponential {
+    const HEADER: Header = header(
+        "stribeck_friction_exponential",
+        Balance::Torque,
+        &[PortKind::Mechanical],
+        "M -= k*exp(-abs(w)/w_v)*tanh(w/w_s)",
+        &[size("k", "Nm", 10.0, 0.2), shape("w_v", "rad/s", 0.01, 3.0, 0.1), shape("w_s", "rad/s", 0.002, 0.2, 0.02)],
+        0,
+        &[&[0.1, 0.1, 0.02], &[0.3, 0.3, 0.02], &[0.3, 0.6, 0.01]],
+    );
+
+    fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Mechanical(m) = port {
+            let w = m.velocity_rad_s;
+            m.torque_nm -= k[0] * (-(w.abs() / k[1])).exp() * (w / k[2]).tanh();
+        }
+    }
+}
+
+/// The Coulomb level smoothed by w/sqrt(w^2 + w_s^2).
+struct PressureFrictionRational;
+
+impl Law for PressureFrictionRational {
+    const HEADER: Header = header(
+        "pressure_friction_rational",
+        Balance::Torque,
+        &[PortKind::Mechanical],
+        "M -= k*(p1 + p2 - 2*p_amb)*w/sqrt(w^2 + w_s^2)",
+        &[size("k", "Nm/bar", 5.0, 0.1), shape("w_s", "rad/s", 0.002, 0.2, 0.02)],
+        0,
+        &[&[0.05, 0.02], &[0.3, 0.03]],
+    );
+
+    fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Mechanical(m) = port {
+            let w = m.velocity_rad_s;
+            m.torque_nm -= k[0] * m.load_bar * w / (w * w + k[1] * k[1]).sqrt();
+        }
+    }
+}
+
+/// A contact that stiffens: quadratic in its depth.
+struct EndStopQuadratic;
+
+impl Law for EndStopQuadratic {
+    const HEADER: Header = header(
+        "end_stop_quadratic",
+        Balance::Torque,
+        &[PortKind::Mechanical],
+        "M -= k*max(0, abs(phi) - phi_c)^2*sign(phi)",
+        &[size("k", "Nm/rad2", 5000.0, 100.0), shape("phi_c", "deg", 15.0, 60.0, 30.0)],
+        0,
+        &[&[30.0, 24.0], &[100.0, 27.0], &[100.0, 32.0]],
+    );
+
+    fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Mechanical(m) = port {
+            let depth = (m.angle_rad.abs() - k[1] * (std::f64::consts::PI / 180.0)).at_least(0.0);
+            let sign = if m.angle_rad.value() < 0.0 { -1.0 } else { 1.0 };
+            m.torque_nm -= k[0] * depth * depth * sign;
+        }
+    }
+}
+
+/// Two Kelvin-Voigt branches, the second slower by a factor of 5.
+struct WallCreepTwoTimes;
+
+impl Law for WallCreepTwoTimes {
+    const HEADER: Header = header(
+        "wall_creep_two_times",
+        Balance::Flow,
+        &[PortKind::Hydraulic],
+        "as wall_creep, with 0.65*C_c at tau and 0.35*C_c at 5*tau",
+        &[size("C_c", "ml/bar", 30.0, 0.3), shape("tau", "s", 0.05, 30.0, 0.6)],
+        4,
+        &[&[0.1, 0.2], &[0.2, 0.6], &[0.2, 1.5]],
+    );
+
+    fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Hydraulic(h) = port {
+            for i in 0..2 {
+                let gauge = h.pressure_bar[i] - AMBIENT_BAR;
+                let quick = (k[0] * gauge * 0.65 - x[i]) / k[1];
+                let slow = (k[0] * gauge * 0.35 - x[2 + i]) / (k[1] * 5.0);
+                dx[i] = quick;
+                dx[2 + i] = slow;
+                h.flow_ml_s[i] -= quick + slow;
+            }
+        }
+    }
+
+    fn rest<S: Scalar>(&self, k: &[S], rest: &Rest<S>, x: &mut [S]) {
+        for i in 0..2 {
+            x[i] = k[0] * rest.gauge_bar(i) * 0.65;
+            x[2 + i] = k[0] * rest.gauge_bar(i) * 0.35;
+        }
+    }
+}
+
+/// A gap between orifice and capillary: abs(dp)^0.7.
+struct CrossLeakagePower;
+
+impl Law for CrossLeakagePower {
+    const HEADER: Header = header(
+        "cross_leakage_power",
+        Balance::Flow,
+        &[PortKind::Hydraulic],
+        "q = k*dp/(dp^2 + 0.02^2)^0.15 from chamber 1 to chamber 2; none where the chambers are shut off one by one",
+        &[size("k", "ml/(s bar^0.7)", 20.0, 0.1)],
+        0,
+        &[&[0.03], &[0.3]],
+    );
+
+    fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Hydraulic(h) = port
+            && !h.shut_off
+        {
+            let dp = h.pressure_bar[0] - h.pressure_bar[1];
+            let leak = k[0] * dp / (dp * dp + 4e-4).powf(S::constant(0.15));
+            h.flow_ml_s[0] -= leak;
+            h.flow_ml_s[1] += leak;
+        }
+    }
+}
+
+/// A leak through an orifice: the root of the gauge pressure.
+struct ExternalLeakageOrifice;
+
+impl Law for ExternalLeakageOrifice {
+    const HEADER: Header = header(
+        "external_leakage_orifice",
+        Balance::Flow,
+        &[PortKind::Hydraulic],
+        "q_i = k_i*g/(g^2 + 0.05^2)^(1/4) out of chamber i, g its gauge pressure",
+        &[size("k1", "ml/(s sqrt(bar))", 5.0, 0.01), size("k2", "ml/(s sqrt(bar))", 5.0, 0.01)],
+        0,
+        &[&[0.005, 0.0], &[0.0, 0.005], &[0.004, 0.004]],
+    );
+
+    fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Hydraulic(h) = port {
+            for (i, k) in k.iter().enumerate() {
+                let gauge = h.pressure_bar[i] - AMBIENT_BAR;
+                h.flow_ml_s[i] -= *k * gauge / (gauge * gauge + 2.5e-3).sqrt().sqrt();
+            }
+        }
+    }
+}
+
+/// Air that is compressed faster than it gives up its heat.
+struct TrappedAirPolytropic;
+
+impl Law for TrappedAirPolytropic {
+    const HEADER: Header = header(
+        "trapped_air_polytropic",
+        Balance::Flow,
+        &[PortKind::Hydraulic],
+        "C_hi += V_ai*(p_amb/p_i)^(1/1.25)/(1.25*p_i)",
+        &[size("V_a1", "ml", 60.0, 0.5), size("V_a2", "ml", 60.0, 0.5)],
+        0,
+        &[&[0.5, 0.0], &[0.0, 0.5], &[1.0, 0.4]],
+    );
+
+    fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Hydraulic(h) = port {
+            for (i, volume) in k.iter().enumerate() {
+                let p = h.pressure_bar[i];
+                let share = (S::constant(AMBIENT_BAR) / p).powf(S::constant(1.0 / 1.25));
+                h.capacity_ml_bar[i] += *volume * share / (p * 1.25);
+            }
+        }
+    }
+}
+
+/// A motor with a winding and an inertia: two lags in a row.
+struct PumpLagSecondOrder;
+
+impl Law for PumpLagSecondOrder {
+    const HEADER: Header = header(
+        "pump_lag_second_order",
+        Balance::Pump,
+        &[PortKind::Actuator],
+        "tau*a' = u - a, 0.3*tau*b' = a - b; eq. (10) takes b",
+        &[Parameter { name: "tau", unit: "s", lower: 1e-4, upper: 0.5, typical: 0.005, size: true }],
+        2,
+        &[&[0.006], &[0.02]],
+    );
+
+    fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Actuator(a) = port {
+            // below a millisecond nothing of it shows
+            let tau = k[0].at_least(1e-3);
+            dx[0] = (a.voltage_v - x[0]) / tau;
+            dx[1] = (x[0] - x[1]) / (tau * 0.3).at_least(5e-4);
+            a.voltage_v = x[1];
+        }
+    }
+
+    fn rest<S: Scalar>(&self, _k: &[S], rest: &Rest<S>, x: &mut [S]) {
+        x.fill(S::constant(rest.voltage_v));
+    }
+}
+
+/// Slip that grows as t/(t + tau).
+struct PumpWarmingHyperbolic;
+
+impl Law for PumpWarmingHyperbolic {
+    const HEADER: Header = header(
+        "pump_warming_hyperbolic",
+        Balance::Pump,
+        &[PortKind::Line],
+        "Q -= k*t/(t + tau)*dp*opening of the brake valve",
+        &[size("k", "ml/(s bar)", 5.0, 0.05), shape("tau", "s", 5.0, 600.0, 60.0)],
+        0,
+        &[&[0.02, 20.0], &[0.05, 60.0]],
+    );
+
+    fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Line(l) = port {
+            let time = S::constant(l.time_s);
+            l.flow_ml_s -= k[0] * time / (k[1] + l.time_s) * l.dp_bar * l.opening;
+        }
+    }
+}
+
+/// A zero that runs away steadily.
+struct PressureDriftLinear;
+
+impl Law for PressureDriftLinear {
+    const HEADER: Header = header(
+        "pressure_drift_linear",
+        Balance::Sensor,
+        &[PortKind::Sensor],
+        "p_i shown = p_i + o_i + r_i*t",
+        &[
+            Parameter { name: "o1", unit: "bar", lower: -2.0, upper: 2.0, typical: 0.02, size: true },
+            Parameter { name: "r1", unit: "bar/s", lower: -0.1, upper: 0.1, typical: 1e-3, size: true },
+            Parameter { name: "o2", unit: "bar", lower: -2.0, upper: 2.0, typical: 0.02, size: true },
+            Parameter { name: "r2", unit: "bar/s", lower: -0.1, upper: 0.1, typical: 1e-3, size: true },
+        ],
+        0,
+        &[&[0.0, 1e-3, 0.0, 0.0], &[0.03, 0.0, 0.0, 0.0], &[0.0, 0.0, 0.02, -5e-4]],
+    );
+
+    fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Sensor(s) = port {
+            for i in 0..2 {
+                s.pressure_bar[i] += k[2 * i] + k[2 * i + 1] * s.time_s;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use model::effects;
+
+    #[test]
+    fn each_form_stands_for_an_effect_of_its_balance_and_is_another() {
+        for (name, form) in FORMS {
+            let effect = effects::find(name).expect("a name of the library");
+            assert_eq!(effect.header().balance, form.header().balance, "{name}");
+            assert_eq!(name_of(*form), *name);
+            assert_eq!(name_of(effect), *name);
+            assert!(effects::find(form.header().id).is_none());
+            let sizes = form.header().parameters.len();
+            assert!(form.header().starts.iter().all(|s| s.len() == sizes), "{name}");
+        }
+    }
+}

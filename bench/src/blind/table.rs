@@ -1,0 +1,222 @@
+//! The confusion table, and what is asked of it.
+
+use super::judge::Outcome;
+use super::plan::Kind;
+use super::trial::Case;
+use serde::Serialize;
+
+/// So many of so many.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Share {
+    /// Those that count.
+    pub hits: usize,
+    /// All.
+    pub of: usize,
+}
+
+impl Share {
+    /// Those of `cases` for which `hit` holds.
+    pub fn of<'a>(cases: impl IntoIterator<Item = &'a Case>, hit: impl Fn(&Case) -> bool) -> Share {
+        let mut share = Share { hits: 0, of: 0 };
+        for case in cases {
+            share.of += 1;
+            share.hits += usize::from(hit(case));
+        }
+        share
+    }
+
+    /// Between 0 and 1; `None` of nothing.
+    pub fn fraction(self) -> Option<f64> {
+        (self.of > 0).then(|| self.hits as f64 / self.of as f64)
+    }
+
+    /// Wilson's 95 % interval (E. B. Wilson, J. Am. Stat. Assoc. 22, 1927); all of 0..1 of nothing.
+    pub fn wilson(self) -> (f64, f64) {
+        const Z: f64 = 1.959_963_985;
+        let Some(p) = self.fraction() else { return (0.0, 1.0) };
+        let n = self.of as f64;
+        let middle = p + Z * Z / (2.0 * n);
+        let spread = Z * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt();
+        let scale = 1.0 + Z * Z / n;
+        (((middle - spread) / scale).max(0.0), ((middle + spread) / scale).min(1.0))
+    }
+}
+
+impl std::fmt::Display for Share {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Some(p) = self.fraction() else { return write!(f, "{:>3} of {:>3}", 0, 0) };
+        let (low, high) = self.wilson();
+        let percent = 100.0 * p;
+        write!(f, "{:>3} of {:>3} = {percent:5.1} % ({:.1} .. {:.1} %)", self.hits, self.of, 100.0 * low, 100.0 * high)
+    }
+}
+
+/// Cases by what they turned out to be: by kind, and singles by the strength that was measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Row {
+    None,
+    /// Below 2 noise floors.
+    Faint,
+    /// 2 to 3.
+    Weak,
+    /// 3 to 4.
+    Middle,
+    /// 4 to 8.
+    Clear,
+    /// Above.
+    Gross,
+    Pair,
+    Outside,
+}
+
+impl Row {
+    const ALL: [(Row, &'static str); 8] = [
+        (Row::None, "no effect"),
+        (Row::Faint, "single below 2"),
+        (Row::Weak, "single 2..3"),
+        (Row::Middle, "single 3..4"),
+        (Row::Clear, "single 4..8"),
+        (Row::Gross, "single above 8"),
+        (Row::Pair, "pair"),
+        (Row::Outside, "outside"),
+    ];
+
+    fn of(case: &Case) -> Row {
+        match case.kind {
+            Kind::None => Row::None,
+            Kind::Pair => Row::Pair,
+            Kind::Outside => Row::Outside,
+            Kind::Weak | Kind::Clear | Kind::Gross => match case.strength {
+                s if s < 2.0 => Row::Faint,
+                s if s <= 3.0 => Row::Weak,
+                s if s < 4.0 => Row::Middle,
+                s if s <= 8.0 => Row::Clear,
+                _ => Row::Gross,
+            },
+        }
+    }
+}
+
+/// Columns of the table.
+const OUTCOMES: [(&str, &[Outcome]); 8] = [
+    ("right", &[Outcome::Right]),
+    ("ambiguous with", &[Outcome::AmbiguousWith]),
+    ("ambiguous without", &[Outcome::AmbiguousWithout]),
+    ("one of two", &[Outcome::Partly]),
+    ("missed", &[Outcome::Missed]),
+    ("unrecognised", &[Outcome::NotRecognised, Outcome::WrongBalance]),
+    ("look-alike", &[Outcome::LookAlike]),
+    ("wrong", &[Outcome::WrongName, Outcome::FalseAlarm, Outcome::Failed]),
+];
+
+/// The confusion table, as rows of cells.
+pub fn confusion(cases: &[Case]) -> Vec<Vec<String>> {
+    let mut rows = vec![vec!["cases".to_owned(), "n".to_owned()]];
+    rows[0].extend(OUTCOMES.iter().map(|(name, _)| (*name).to_owned()));
+    for (row, name) in Row::ALL {
+        let own: Vec<&Case> = cases.iter().filter(|c| Row::of(c) == row).collect();
+        let mut cells = vec![name.to_owned(), own.len().to_string()];
+        let count = |outcomes: &[Outcome]| own.iter().filter(|c| outcomes.contains(&c.outcome)).count().to_string();
+        cells.extend(OUTCOMES.iter().map(|(_, outcomes)| count(outcomes)));
+        rows.push(cells);
+    }
+    rows
+}
+
+/// What is asked of the diagnosis.
+#[derive(Clone, Debug, Serialize)]
+pub struct Target {
+    /// What is counted.
+    pub what: &'static str,
+    /// How often it was seen.
+    pub share: Share,
+    /// Least (or greatest) fraction.
+    pub bound: f64,
+    /// `true`: at most `bound`.
+    pub at_most: bool,
+}
+
+impl Target {
+    /// Whether what was seen keeps the bound; nothing seen keeps any.
+    pub fn holds(&self) -> bool {
+        self.share.fraction().is_none_or(|p| if self.at_most { p <= self.bound } else { p >= self.bound })
+    }
+
+    /// One line.
+    pub fn line(&self) -> String {
+        let sign = if self.at_most { "at most" } else { "at least" };
+        let verdict = match (self.share.of, self.holds()) {
+            (0, _) => "no case",
+            (_, true) => "holds",
+            (_, false) => "MISSED",
+        };
+        format!("{:44} {:34} {sign} {:.0} %: {verdict}", self.what, self.share.to_string(), 100.0 * self.bound)
+    }
+}
+
+/// Strength from which on an effect counts as clear, noise floors.
+const CLEAR: f64 = 4.0;
+
+/// The targets with what was seen.
+pub fn targets(cases: &[Case]) -> Vec<Target> {
+    let right = |c: &Case| c.outcome == Outcome::Right;
+    let of = |row: &'static [Row]| cases.iter().filter(move |c| row.contains(&Row::of(c)));
+    let weak_not_right = || of(&[Row::Weak]).filter(|c| c.outcome != Outcome::Right);
+    let named = |c: &&Case| {
+        c.outcome == Outcome::Right && matches!(c.kind, Kind::Weak | Kind::Clear | Kind::Gross | Kind::Pair)
+    };
+    let target = |what, share, bound, at_most| Target { what, share, bound, at_most };
+    vec![
+        target("false alarms without effect", Share::of(of(&[Row::None]), |c| !right(c)), 0.01, true),
+        target(
+            "right class, 4 noise floors or more",
+            Share::of(of(&[Row::Clear, Row::Gross]), |c| c.strength >= CLEAR && right(c)),
+            0.95,
+            false,
+        ),
+        target("right class, 2 to 3 noise floors", Share::of(of(&[Row::Weak]), right), 0.70, false),
+        target(
+            "of the others of 2 to 3: ambiguous or none",
+            Share::of(weak_not_right(), |c| {
+                matches!(c.outcome, Outcome::AmbiguousWith | Outcome::AmbiguousWithout | Outcome::Missed)
+            }),
+            0.5,
+            false,
+        ),
+        target("pairs, both named", Share::of(of(&[Row::Pair]), right), 0.80, false),
+        target("outside: unrecognised, right balance", Share::of(of(&[Row::Outside]), right), 0.90, false),
+        target(
+            "named: error within 1.1 times the truth's form",
+            Share::of(cases.iter().filter(named), |c| c.figures.against_truth.is_some_and(|r| r <= 1.1)),
+            1.0,
+            false,
+        ),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn intervals_are_wilsons() {
+        // Newcombe, Stat. Med. 17 (1998) 857, table I
+        let near = |share: Share, low: f64, high: f64| {
+            let (a, b) = share.wilson();
+            assert!((a - low).abs() < 6e-5 && (b - high).abs() < 6e-5, "{share:?}: {a} {b}");
+        };
+        near(Share { hits: 81, of: 263 }, 0.2553, 0.3662);
+        near(Share { hits: 15, of: 148 }, 0.0624, 0.1605);
+        near(Share { hits: 0, of: 20 }, 0.0, 0.1611);
+        near(Share { hits: 1, of: 29 }, 0.0061, 0.1718);
+        assert_eq!(Share { hits: 0, of: 0 }.wilson(), (0.0, 1.0));
+    }
+
+    #[test]
+    fn a_bound_is_kept_from_its_own_side() {
+        let target = |hits, bound, at_most| Target { what: "x", share: Share { hits, of: 100 }, bound, at_most };
+        assert!(target(1, 0.01, true).holds() && !target(2, 0.01, true).holds());
+        assert!(target(95, 0.95, false).holds() && !target(94, 0.95, false).holds());
+        assert!(target(94, 0.95, false).line().contains("MISSED"));
+    }
+}

@@ -1,0 +1,367 @@
+//! One case from its draw to its judgement.
+
+use super::forms::name_of;
+use super::judge::{Acting, Named, Outcome, Said, judge};
+use super::plan::{Kind, Planned, Stream, chance, plan};
+use super::rig::{Rig, Truth, draw, scaled};
+use super::runs::{Recorded, record};
+use super::sensors::in_log;
+use super::yardstick::{ChannelError, Yardstick, largest, sized};
+use crate::failure::{self, Failure};
+use identify::analysis::write_whole;
+use identify::diagnose::{Diagnosis, diagnose_with};
+use identify::identification::{Identified, IdentifyError, Loaded, identify};
+use identify::misfit;
+use identify::validate::prepare_validation;
+use model::ModelFile;
+use model::effects::{Effect, LIBRARY};
+use model::integrate::SimulationError;
+use model::parameters::AddedEffect;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+use std::time::Instant;
+
+/// Everything that is known of a case afterwards.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Case {
+    /// Number, from 0; with the seed it gives the case again.
+    pub case: usize,
+    /// What was drawn.
+    pub kind: Kind,
+    /// Rigs that could not run the experiments before this one.
+    pub attempt: u64,
+    /// The rig.
+    pub rig: Rig,
+    /// Rig time of the campaign, s.
+    pub rig_seconds: f64,
+    /// The sealed effects.
+    pub acting: Vec<Acting>,
+    /// Largest validation error that all of them together cause after a refit of the base model, noise floors.
+    pub strength: f64,
+    /// What the diagnosis said; `None` where it ended with an error.
+    pub said: Option<Said>,
+    /// Why it ended.
+    pub error: Option<String>,
+    /// What that is worth.
+    pub outcome: Outcome,
+    /// Figures of the diagnosis.
+    pub figures: Figures,
+    /// Where the time went, s.
+    pub seconds: Seconds,
+}
+
+/// Figures of one diagnosis. Errors are those of free runs of the validation, in noise floors, of the channel where they are largest;
+/// `NaN` (`null` in the file) where there is none.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Figures {
+    /// Error against what was recorded: identified reference model.
+    pub before: Option<f64>,
+    /// With what was added.
+    pub after: Option<f64>,
+    /// With the true effects in the model, fitted from the true values on.
+    pub truth: Option<f64>,
+    /// Largest ratio, of all channels, of `after` to `truth`.
+    pub against_truth: Option<f64>,
+    /// Cost a target of the identified reference model.
+    pub cost_identified: Option<f64>,
+    /// The same fitted from the true values on: what the identification should have found.
+    pub cost_base: Option<f64>,
+    /// Cost a target with what was added.
+    pub cost_after: Option<f64>,
+    /// Cost a target with the true effects, fitted from the true values on.
+    pub cost_truth: Option<f64>,
+    /// Largest structured residual before, noise floors.
+    pub residual_before: Option<f64>,
+    /// And after.
+    pub residual_after: Option<f64>,
+    /// Candidates of the first round with their probabilities.
+    pub ranking: Vec<(String, f64)>,
+    /// p-value by balance.
+    pub balances: Vec<(String, f64)>,
+    /// Values of what was added: `id.name`, value, standard error.
+    pub values: Vec<(String, f64, Option<f64>)>,
+    /// What the diagnosis said on its way.
+    pub way: Vec<String>,
+}
+
+/// Where the time of a case went, s.
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+pub struct Seconds {
+    /// Draws, sizes and the recording.
+    pub record: f64,
+    /// Fits from the true values on.
+    pub measure: f64,
+    /// Identification of the reference model.
+    pub identify: f64,
+    /// Diagnosis.
+    pub diagnose: f64,
+}
+
+/// Rigs that are drawn for a case until one can run its experiments.
+const ATTEMPTS: u64 = 8;
+/// Runs with a free lever are this long where sizes are chosen, s.
+const BRIEF_S: f64 = 25.0;
+
+/// Why a case came to nothing: a rig or a model that can't be simulated.
+#[derive(Debug, thiserror::Error)]
+enum Hitch {
+    #[error(transparent)]
+    Rig(#[from] Failure),
+    #[error(transparent)]
+    Identify(#[from] IdentifyError),
+    #[error("simulation {0}")]
+    Simulation(#[from] SimulationError),
+}
+
+/// Draws, records, diagnoses and judges the case of this number. `keep`: a folder that gets the campaign and, beside it, the truth.
+///
+/// # Errors
+/// None of the drawn rigs can run the experiments, or the folder can't be written.
+pub fn trial(seed: u64, case: usize, keep: Option<&Path>) -> Result<Case, Failure> {
+    let planned = plan(seed, case);
+    let began = Instant::now();
+    let mut hitches = Vec::new();
+    for attempt in 0..ATTEMPTS {
+        let rig = draw(seed, case, attempt);
+        match prepare(seed, &planned, &rig) {
+            Ok((truth, recorded)) => {
+                if let Some(dir) = keep {
+                    leave(dir, &recorded, &truth, case)?;
+                }
+                let drawn = began.elapsed().as_secs_f64();
+                return Ok(diagnose_sealed(&planned, attempt, rig, &truth, recorded, drawn));
+            }
+            Err(hitch) => hitches.push(hitch.to_string()),
+        }
+    }
+    let message = format!("case {case} of seed {seed}: none of {ATTEMPTS} rigs can run it: {}", hitches.join("; "));
+    Err(Failure::new(failure::Kind::Internal, message))
+}
+
+/// The case's effects in their sizes, and its campaign.
+fn prepare(seed: u64, planned: &Planned, rig: &Rig) -> Result<(Truth, Recorded), Hitch> {
+    let Planned { case, kind, ref effects } = *planned;
+    let mut truth = Truth { parameters: rig.parameters, effects: Vec::new() };
+    let mut recorded = record(&truth, rig, seed, case)?;
+    if effects.is_empty() {
+        return Ok((truth, recorded));
+    }
+    let mut rng = chance(seed, Stream::Sizes, u64::MAX - case as u64);
+    let (low, high) = (*kind.strength().start(), *kind.strength().end());
+    let wanted: Vec<f64> = effects.iter().map(|_| in_log(&mut rng, low * 1.08, high / 1.08)).collect();
+    let yardstick = Yardstick::new(&recorded, BRIEF_S)?;
+    for (number, (effect, wanted)) in effects.iter().zip(&wanted).enumerate() {
+        let values = sized(&yardstick, &truth, *effect, (seed, case, number), *wanted);
+        truth.effects.push((*effect, values));
+    }
+    // What was computed beside a campaign without the effects is measured in one with them, and put right.
+    for _ in 0..2 {
+        recorded = record(&truth, rig, seed, case)?;
+        let yardstick = Yardstick::new(&recorded, f64::INFINITY)?;
+        let mut fits = true;
+        for (number, wanted) in wanted.iter().enumerate() {
+            let shown = largest(&yardstick.errors(&yardstick.best_fit(&truth, |n| n != number)?)?);
+            let (effect, values) = truth.effects[number].clone();
+            let next = scaled(effect, &values, (wanted / shown).clamp(0.2, 5.0));
+            if !(low..=high).contains(&shown) && next != values {
+                truth.effects[number].1 = next;
+                fits = false;
+            }
+        }
+        if fits {
+            return Ok((truth, recorded));
+        }
+    }
+    recorded = record(&truth, rig, seed, case)?;
+    Ok((truth, recorded))
+}
+
+fn diagnose_sealed(planned: &Planned, attempt: u64, rig: Rig, truth: &Truth, recorded: Recorded, drawn: f64) -> Case {
+    let mut out = Case {
+        case: planned.case,
+        kind: planned.kind,
+        attempt,
+        rig,
+        rig_seconds: recorded.seconds,
+        acting: Vec::new(),
+        strength: f64::NAN,
+        said: None,
+        error: None,
+        outcome: Outcome::Failed,
+        figures: Figures::default(),
+        seconds: Seconds { record: drawn, ..Seconds::default() },
+    };
+    if let Err(hitch) = fill(&mut out, truth, &recorded) {
+        out.error = Some(hitch.to_string());
+    }
+    out
+}
+
+fn fill(out: &mut Case, truth: &Truth, recorded: &Recorded) -> Result<(), Hitch> {
+    let mut began = Instant::now();
+    let mut lap = || std::mem::replace(&mut began, Instant::now()).elapsed().as_secs_f64();
+    let yardstick = Yardstick::new(recorded, f64::INFINITY)?;
+    let targets = yardstick.targets() as f64;
+    let base = yardstick.best_fit(truth, |_| false)?;
+    let with = if truth.effects.is_empty() { base.clone() } else { yardstick.best_fit(truth, |_| true)? };
+    let (of_base, of_truth) = (yardstick.errors(&base)?, yardstick.errors(&with)?);
+    out.strength = largest(&of_base);
+    for (number, (effect, values)) in truth.effects.iter().enumerate() {
+        let strength = if truth.effects.len() == 1 {
+            out.strength
+        } else {
+            largest(&yardstick.errors(&yardstick.best_fit(truth, |n| n != number)?)?)
+        };
+        out.acting.push(acting(*effect, values, strength));
+    }
+    out.figures.truth = Some(most(&of_truth));
+    out.figures.cost_base = Some(base.cost / targets);
+    out.figures.cost_truth = Some(with.cost / targets);
+    out.seconds.measure = lap();
+
+    // From here on until the judge nothing of the truth is used but which effects the library is said to lack.
+    let way = std::sync::Mutex::new(Vec::new());
+    let note = |text: &str| way.lock().map(|mut w| w.push(text.to_owned())).unwrap_or(());
+    let (identified, diagnosis) = sealed(out.kind, truth, &recorded.loaded, &note, &mut |seconds| {
+        out.seconds.identify = seconds;
+    })?;
+    out.seconds.diagnose = lap() - out.seconds.identify;
+    out.figures.way = way.into_inner().unwrap_or_default();
+
+    let before = yardstick.errors(&identified.fit)?;
+    out.figures.before = Some(most(&before));
+    out.figures.cost_identified = Some(identified.fit.cost / targets);
+    out.figures.cost_after = Some(diagnosis.after.cost / targets);
+    out.figures.residual_before = Some(misfit::largest(&diagnosis.parts_before));
+    out.figures.residual_after = Some(misfit::largest(&diagnosis.parts_after));
+    out.figures.ranking = diagnosis.ranking.iter().map(|r| (r.id.clone(), r.probability)).collect();
+    out.figures.balances = diagnosis.balances.iter().map(|(b, p)| (b.as_str().to_owned(), *p)).collect();
+    out.figures.values = values_of(&diagnosis);
+    let after = yardstick.errors(&diagnosis.after);
+    if let Ok(after) = &after {
+        out.figures.after = Some(most(after));
+        let ratio = after.iter().zip(&of_truth).map(|(a, t)| a.rmse / t.rmse).fold(0.0, f64::max);
+        out.figures.against_truth = Some(ratio);
+    }
+    let said = said(&diagnosis);
+    let as_good = out.figures.against_truth.is_some_and(|ratio| ratio <= 1.1);
+    out.outcome = judge(out.kind, &out.acting, &said, as_good);
+    out.said = Some(said);
+    Ok(())
+}
+
+/// The diagnosis of a sealed campaign.
+fn sealed(
+    kind: Kind,
+    truth: &Truth,
+    loaded: &Loaded,
+    note: &dyn Fn(&str),
+    identified_after: &mut dyn FnMut(f64),
+) -> Result<(Identified, Diagnosis), Hitch> {
+    let lacking = |e: &&'static dyn Effect| {
+        kind == Kind::Outside && truth.effects.iter().any(|(t, _)| t.header().id == e.header().id)
+    };
+    let library: Vec<&'static dyn Effect> = LIBRARY.iter().copied().filter(|e| !lacking(e)).collect();
+    let began = Instant::now();
+    // A command would refuse such a campaign here as well.
+    prepare_validation(loaded)?;
+    let identified = identify(loaded, note)?;
+    identified_after(began.elapsed().as_secs_f64());
+    let diagnosis = diagnose_with(&library, &identified, note)?;
+    Ok((identified, diagnosis))
+}
+
+/// The largest error against what was recorded.
+fn most(errors: &[ChannelError]) -> f64 {
+    errors.iter().map(|e| e.rmse).fold(0.0, f64::max)
+}
+
+fn acting(effect: &dyn Effect, values: &[f64], strength: f64) -> Acting {
+    let header = effect.header();
+    let parameters = header.parameters.iter().zip(values).map(|(p, v)| (p.name.to_owned(), *v)).collect();
+    Acting {
+        id: name_of(effect).to_owned(),
+        balance: header.balance.as_str().to_owned(),
+        form: header.id.to_owned(),
+        parameters,
+        strength,
+    }
+}
+
+fn said(diagnosis: &Diagnosis) -> Said {
+    let named = diagnosis.effects.iter().map(|a| Named {
+        id: a.effect.header().id.to_owned(),
+        balance: a.effect.header().balance.as_str().to_owned(),
+        probability: a.probability,
+        equivalent: a.equivalent.clone(),
+    });
+    Said { verdict: diagnosis.verdict.as_str().to_owned(), effects: named.collect() }
+}
+
+fn values_of(diagnosis: &Diagnosis) -> Vec<(String, f64, Option<f64>)> {
+    let each = diagnosis.effects.iter().flat_map(|a| {
+        let header = a.effect.header();
+        let known = header.parameters.iter().zip(a.values.iter().zip(&a.std));
+        known.map(move |(p, (v, s))| (format!("{}.{}", header.id, p.name), *v, Some(*s).filter(|s| s.is_finite())))
+    });
+    each.collect()
+}
+
+/// Writes the campaign into `dir/case-K` and the truth into `dir/case-K-truth.toml`.
+fn leave(dir: &Path, recorded: &Recorded, truth: &Truth, case: usize) -> Result<(), Failure> {
+    let folder = dir.join(format!("case-{case}"));
+    let refused = |what: &Path, error: &dyn std::fmt::Display| {
+        let message =
+            format!("{}: expected to write it, got \"{error}\"; choose another folder with --keep", what.display());
+        Failure::new(failure::Kind::Input, message)
+    };
+    std::fs::create_dir_all(&folder).map_err(|e| refused(&folder, &e))?;
+    for run in &recorded.loaded.runs {
+        let path = folder.join(&run.entry.file);
+        run.recording.write_csv(&path).map_err(|e| refused(&path, &e))?;
+    }
+    let campaign = recordings::Campaign { dir: folder.clone(), ..recorded.loaded.campaign.clone() };
+    campaign.write_toml().map_err(|e| refused(&folder, &e))?;
+    let mut file = ModelFile::plain(truth.parameters);
+    for (effect, values) in &truth.effects {
+        let header = effect.header();
+        let parameters = header.parameters.iter().zip(values).map(|(p, v)| (p.name.to_owned(), *v)).collect();
+        file.effect.push(AddedEffect { id: header.id.to_owned(), parameters });
+    }
+    let path = dir.join(format!("case-{case}-truth.toml"));
+    write_whole(&path, &file.to_toml()).map_err(|e| Failure::of(failure::Kind::Input, &e))?;
+    Ok(())
+}
+
+impl Case {
+    /// One line: truth, strength, verdict, effects found, probability, errors, time.
+    pub fn line(&self) -> String {
+        let sealed: Vec<String> = self.acting.iter().map(|a| format!("{} {:.1}", a.form, a.strength)).collect();
+        let sealed = if sealed.is_empty() { "nothing".to_owned() } else { sealed.join(" + ") };
+        let found = match &self.said {
+            None => self.error.clone().unwrap_or_default(),
+            Some(said) => {
+                let effects = said.effects.iter().map(|e| {
+                    let class: String = e.equivalent.iter().map(|id| format!("|{id}")).collect();
+                    format!("{}{class} {:.2}", e.id, e.probability)
+                });
+                format!("{} {}", said.verdict, effects.collect::<Vec<_>>().join(" + "))
+            }
+        };
+        let figure = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{v:.2}"));
+        let Seconds { record, measure, identify, diagnose } = self.seconds;
+        format!(
+            "case {:3} {:8} {sealed} -> {} ({}); error {} -> {} (truth's form {}); {:.0} + {:.0} s",
+            self.case,
+            self.kind.as_str(),
+            found.trim(),
+            self.outcome.as_str(),
+            figure(self.figures.before),
+            figure(self.figures.after),
+            figure(self.figures.truth),
+            record + measure,
+            identify + diagnose,
+        )
+    }
+}

@@ -1,0 +1,93 @@
+//! `bench blind --cases N --seed S [--jobs J] [--out FILE.json] [--keep DIR] [--only KIND] [--case K]`
+
+use super::results::aligned;
+use crate::blind::plan::{Kind, plan};
+use crate::blind::store::Store;
+use crate::blind::table::{Target, confusion, targets};
+use crate::blind::trial::trial;
+use crate::failure::{self, Failure};
+use crate::progress::Progress;
+use std::path::PathBuf;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Diagnose sealed campaigns of emulated rigs, then open them: how often the verdict is right
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Number of cases; 30 % of them carry no effect
+    #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    cases: u32,
+    /// Draws everything; the same seed gives the same cases
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Cases at a time
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=64))]
+    jobs: u8,
+    /// Everything about every case, written after each; with a file that is there the run goes on
+    #[arg(long, value_name = "FILE.json")]
+    out: Option<PathBuf>,
+    /// Folder to leave the campaigns in, and beside each its truth
+    #[arg(long, value_name = "DIR")]
+    keep: Option<PathBuf>,
+    /// Only the cases of this kind: none, weak, clear, gross, pair, outside
+    #[arg(long, value_name = "KIND")]
+    only: Option<Kind>,
+    /// Only the case of this number
+    #[arg(long, value_name = "K")]
+    case: Option<usize>,
+}
+
+pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
+    let wanted: Vec<usize> = match args.case {
+        Some(case) => vec![case],
+        None => (0..args.cases as usize).filter(|c| args.only.is_none_or(|k| plan(args.seed, *c).kind == k)).collect(),
+    };
+    let store = Store::open(args.out.as_deref(), args.seed)?;
+    let open: Vec<usize> = wanted.iter().copied().filter(|c| !store.holds(*c)).collect();
+    if open.len() < wanted.len() {
+        progress.say(&format!("{} of {} cases are there already", wanted.len() - open.len(), wanted.len()));
+    }
+    let store = Mutex::new(store);
+    let next = AtomicUsize::new(0);
+    let step = progress.step("blind trials", open.len() as u64);
+    let work = || -> Result<(), Failure> {
+        loop {
+            let turn = next.fetch_add(1, Ordering::Relaxed);
+            let Some(&case) = open.get(turn) else { return Ok(()) };
+            let done = trial(args.seed, case, args.keep.as_deref()).inspect_err(|_| {
+                // The others end after the case that they are at.
+                next.store(open.len(), Ordering::Relaxed);
+            })?;
+            progress.result(&done.line());
+            store.lock().map_err(|_| defect())?.add(done)?;
+            step.at(turn as u64 + 1);
+        }
+    };
+    std::thread::scope(|scope| {
+        let jobs: Vec<_> = (0..args.jobs).map(|_| scope.spawn(work)).collect();
+        jobs.into_iter().map(|job| job.join().unwrap_or_else(|_| Err(defect()))).collect::<Result<Vec<()>, Failure>>()
+    })?;
+    step.finish();
+
+    let cases = store.into_inner().map_err(|_| defect())?.cases();
+    let cases: Vec<_> = cases.into_iter().filter(|c| wanted.contains(&c.case)).collect();
+    progress.result("");
+    aligned(&confusion(&cases)).iter().for_each(|line| progress.result(line));
+    progress.result("");
+    let targets = targets(&cases);
+    targets.iter().for_each(|target| progress.result(&target.line()));
+    judge(&targets, args.case.is_some())
+}
+
+/// A single case is looked at, not counted.
+fn judge(targets: &[Target], single: bool) -> Result<(), Failure> {
+    let missed: Vec<&str> = targets.iter().filter(|t| !t.holds()).map(|t| t.what).collect();
+    if single || missed.is_empty() {
+        return Ok(());
+    }
+    Err(Failure::new(failure::Kind::Acceptance, format!("missed: {}", missed.join("; "))))
+}
+
+fn defect() -> Failure {
+    Failure::new(failure::Kind::Internal, "a case ended by a defect; see above")
+}
