@@ -337,6 +337,9 @@ fn the_plan_alone_touches_nothing() {
     assert!(line("steps") < line("pump") && line("pump") < line("flows"), "{text}");
     assert!(text.contains("at most"), "{text}");
     assert!(!bench.path("c").exists());
+    // Without profiles and folder: the experiments of the paper.
+    let output = Command::new(env!("CARGO_BIN_EXE_bench")).args(["campaign", "--plan-only"]).output().unwrap();
+    assert!(output.status.success() && said(&output).contains("11 runs"), "{}", said(&output));
 }
 
 #[test]

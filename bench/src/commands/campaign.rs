@@ -29,8 +29,8 @@ pub struct Args {
     /// Profiles, files or names of built-in ones [default: all experiments of the paper]
     profiles: Vec<String>,
     /// Folder to make, or to go on with
-    #[arg(long, required_unless_present = "plan_only", default_value = "")]
-    out: PathBuf,
+    #[arg(long, required_unless_present = "plan_only")]
+    out: Option<PathBuf>,
     /// Only say what would be run: order, times, the operator's work
     #[arg(long)]
     plan_only: bool,
@@ -58,8 +58,10 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
         args.profiles.iter().map(|name| profile(name)).collect::<Result<_, _>>()?
     };
     let mode = args.time.mode();
+    // Without one there is only a plan to be said.
+    let dir = args.out.clone().unwrap_or_default();
     let settings = Settings {
-        dir: args.out.clone(),
+        dir: dir.clone(),
         name: rig.name.clone(),
         rig: rig.facts,
         limits: rig.limits,
@@ -83,11 +85,11 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
         let message = "expected real time, got virtual time: a rig on wires has its own time; add --realtime";
         return Err(Failure::new(Kind::Input, message));
     }
-    let folder = Folder::claim(&args.out, &plan)?;
+    let folder = Folder::claim(&dir, &plan)?;
     let there = folder.survey(&plan, &scripts, progress)?;
     let done = there.iter().filter(|there| **there).count();
     if folder.resumed() {
-        progress.say(&format!("{}: {done} of {} runs are there already", args.out.display(), plan.runs.len()));
+        progress.say(&format!("{}: {done} of {} runs are there already", dir.display(), plan.runs.len()));
     }
     if !args.no_dry_run {
         dry_runs(&scripts, &there, &rig, args.seed, progress)?;
@@ -110,7 +112,7 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
         session.keep(&scripts, &there)?;
     }
     let campaign = session.finish()?;
-    progress.result(&format!("campaign: {} runs in {}", campaign.runs.len(), args.out.display()));
+    progress.result(&format!("campaign: {} runs in {}", campaign.runs.len(), dir.display()));
     Ok(())
 }
 
