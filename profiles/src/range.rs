@@ -65,7 +65,7 @@ impl Reader<'_> {
                 number => {
                     let last = f64::from(number - 1);
                     // Exact at both ends.
-                    Ok((0..number).map(|k| f64::from(k)).map(|k| (from * (last - k) + to * k) / last).collect())
+                    Ok((0..number).map(f64::from).map(|k| (from * (last - k) + to * k) / last).collect())
                 }
             },
             _ => error("a range needs one of `step` (above 0) and `count` beside `from` and `to`".to_owned()),
