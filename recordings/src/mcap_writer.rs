@@ -51,7 +51,8 @@ pub struct McapWriter {
 #[derive(Clone, Copy)]
 struct OpenChunk {
     bytes: u64,
-    begin_ns: u64,
+    /// Scheduled time of its first sample; `None`: it has none yet.
+    begin_ns: Option<u64>,
 }
 
 impl McapWriter {
@@ -177,7 +178,10 @@ impl McapWriter {
 
     fn append(&mut self, channel_id: u16, tick: u64, time_ns: u64, message: &[u8]) -> Result<(), CampaignError> {
         self.writable()?;
-        let full = |chunk: &OpenChunk| chunk.bytes >= CHUNK_BYTES || time_ns.saturating_sub(chunk.begin_ns) >= CHUNK_NS;
+        // By the samples' times alone: an event may tell of an earlier time, a report's time is what somebody says it is.
+        let sample_ns = (channel_id == wire::SAMPLE_CHANNEL).then_some(time_ns);
+        let late = |chunk: &OpenChunk| Some(sample_ns?.saturating_sub(chunk.begin_ns?) >= CHUNK_NS);
+        let full = |chunk: &OpenChunk| chunk.bytes >= CHUNK_BYTES || late(chunk).unwrap_or(false);
         if self.chunk.as_ref().is_some_and(full) {
             self.close_chunk()?;
         }
@@ -186,7 +190,8 @@ impl McapWriter {
         let header = MessageHeader { channel_id, sequence, log_time: time_ns, publish_time: time_ns };
         match self.open_writer().write_to_known_channel(&header, message) {
             Ok(()) => {
-                let chunk = self.chunk.get_or_insert(OpenChunk { bytes: 0, begin_ns: time_ns });
+                let chunk = self.chunk.get_or_insert(OpenChunk { bytes: 0, begin_ns: None });
+                chunk.begin_ns = chunk.begin_ns.or(sample_ns);
                 chunk.bytes += message.len() as u64 + MESSAGE_OVERHEAD;
                 Ok(())
             }
