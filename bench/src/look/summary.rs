@@ -8,6 +8,8 @@ use rt_core::{Channel as TripChannel, LossCertificate, Sample};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+/// Lateness beyond this counts as this, ns.
+const LATEST_NS: u64 = 3_600_000_000_000;
 /// Events that are kept one by one; the others are counted.
 const EVENTS_KEPT: usize = 200;
 
@@ -117,7 +119,8 @@ impl Summary {
             channels: CHANNELS.map(Channel::new).to_vec(),
             segments: 0,
             steps: 0,
-            lateness_ns: Histogram::new(3).expect("three digits are within the histogram's range"),
+            lateness_ns: Histogram::new_with_max(LATEST_NS, 3)
+                .expect("digits and highest value are within what it can hold"),
             skipped: 0,
             overruns: 0,
             faults: 0,
