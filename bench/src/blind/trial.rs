@@ -10,8 +10,10 @@ use super::yardstick::{ChannelError, Yardstick, largest, sized};
 use crate::failure::{self, Failure};
 use identify::analysis::write_whole;
 use identify::diagnose::{Diagnosis, diagnose_with};
+use identify::fit::Fit;
 use identify::identification::{Identified, IdentifyError, Loaded, identify};
 use identify::misfit;
+use identify::problem::Problem;
 use identify::validate::prepare_validation;
 use model::ModelFile;
 use model::effects::{Effect, LIBRARY};
@@ -63,7 +65,7 @@ pub struct Figures {
     pub truth: Option<f64>,
     /// Largest ratio, of all channels, of `after` to `truth`.
     pub against_truth: Option<f64>,
-    /// Cost a target of the identified reference model.
+    /// Cost a target (1 = noise alone) of the identified reference model.
     pub cost_identified: Option<f64>,
     /// The same fitted from the true values on: what the identification should have found.
     pub cost_base: Option<f64>,
@@ -202,7 +204,6 @@ fn fill(out: &mut Case, truth: &Truth, recorded: &Recorded) -> Result<(), Hitch>
     let mut began = Instant::now();
     let mut lap = || std::mem::replace(&mut began, Instant::now()).elapsed().as_secs_f64();
     let yardstick = Yardstick::new(recorded, f64::INFINITY)?;
-    let targets = yardstick.targets() as f64;
     let base = yardstick.best_fit(truth, |_| false)?;
     let with = if truth.effects.is_empty() { base.clone() } else { yardstick.best_fit(truth, |_| true)? };
     let (of_base, of_truth) = (yardstick.errors(&base)?, yardstick.errors(&with)?);
@@ -216,8 +217,6 @@ fn fill(out: &mut Case, truth: &Truth, recorded: &Recorded) -> Result<(), Hitch>
         out.acting.push(acting(*effect, values, strength));
     }
     out.figures.truth = Some(most(&of_truth));
-    out.figures.cost_base = Some(base.cost / targets);
-    out.figures.cost_truth = Some(with.cost / targets);
     out.seconds.measure = lap();
 
     // From here on until the judge nothing of the truth is used but which effects the library is said to lack.
@@ -231,8 +230,11 @@ fn fill(out: &mut Case, truth: &Truth, recorded: &Recorded) -> Result<(), Hitch>
 
     let before = yardstick.errors(&identified.fit)?;
     out.figures.before = Some(most(&before));
-    out.figures.cost_identified = Some(identified.fit.cost / targets);
-    out.figures.cost_after = Some(diagnosis.after.cost / targets);
+    let cost = |fit: &Fit| cost_by(&identified.problem, fit);
+    out.figures.cost_identified = cost(&identified.fit);
+    out.figures.cost_after = cost(&diagnosis.after);
+    out.figures.cost_base = cost(&base);
+    out.figures.cost_truth = cost(&with);
     out.figures.residual_before = Some(misfit::largest(&diagnosis.parts_before));
     out.figures.residual_after = Some(misfit::largest(&diagnosis.parts_after));
     out.figures.ranking = diagnosis.ranking.iter().map(|r| (r.id.clone(), r.probability)).collect();
@@ -270,6 +272,13 @@ fn sealed(
     identified_after(began.elapsed().as_secs_f64());
     let diagnosis = diagnose_with(&library, &identified, note)?;
     Ok((identified, diagnosis))
+}
+
+/// Cost a target by the weights that the identification found: 1 is noise alone.
+fn cost_by(problem: &Problem, fit: &Fit) -> Option<f64> {
+    let fits = problem.stretches.len() == fit.point.initial.len();
+    let cost = fits.then(|| problem.cost(&fit.layout, &fit.point) / problem.targets() as f64);
+    cost.filter(|c| c.is_finite())
 }
 
 /// The largest error against what was recorded.

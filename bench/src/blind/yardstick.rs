@@ -102,11 +102,6 @@ impl<'a> Yardstick<'a> {
             .collect::<Result<_, SimulationError>>()?;
         Ok(runs.into_iter().flatten().collect())
     }
-
-    /// Values that are fitted.
-    pub fn targets(&self) -> usize {
-        self.problem.targets()
-    }
 }
 
 /// A free-run error of one channel of one run, in noise floors.
