@@ -254,7 +254,7 @@ impl Runner {
             announcer.announce(run.number, metadata.to_record()).map_err(|e| Failure::of(Kind::Device, &e))?;
             logger.begin(run.number, plan.path.to_owned(), metadata, step.counter()).map_err(|e| failure_of(&e))
         };
-        let mut listening = &*switches;
+        let mut listening = switches;
         let mut people = People::new(switches, &requests, people);
         // Where nothing is asked, nothing is noted at any tick.
         let heard: &mut (dyn Operator + Send) = if requests.is_empty() { &mut listening } else { &mut people };

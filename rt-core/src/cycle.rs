@@ -71,6 +71,7 @@ pub enum LoopError {
 /// written once more, whatever happened.
 ///
 /// Allocates nothing and makes no system call of its own between the first tick and the last, but the clock's wait.
+#[expect(clippy::result_large_err, reason = "returned once a run; a box would be an allocation in the loop's thread")]
 pub fn run(stages: Stages<'_>, run: Run) -> Result<RunReport, LoopError> {
     if let Some(trip) = stages.supervisor.trip() {
         return Err(LoopError::StillTripped { run: run.number, trip: *trip });
@@ -217,6 +218,7 @@ impl Cycle<'_> {
     }
 
     /// The last tick's command acts until the next tick would begin; outputs are not left at it.
+    #[expect(clippy::result_large_err, reason = "returned once a run; a box would be an allocation in the loop's thread")]
     fn finish(mut self, index: u64, ended: Ended) -> Result<RunReport, LoopError> {
         let safe = self.safe_command();
         let Stages { clock, device, supervisor, publish, flight, .. } = self.stages;
