@@ -55,7 +55,7 @@ pub enum LoopError {
         /// Whether the safe state could be written.
         safe_state: Result<(), DeviceError>,
         /// The counts, the failed tick among them.
-        statistics: Statistics,
+        statistics: Box<Statistics>,
     },
     /// The run was refused, because a trip is still latched.
     #[error("run {run} refused: the supervisor is still tripped ({trip}); remove the cause, then reset the supervisor")]
@@ -71,7 +71,6 @@ pub enum LoopError {
 /// written once more, whatever happened.
 ///
 /// Allocates nothing and makes no system call of its own between the first tick and the last, but the clock's wait.
-#[expect(clippy::result_large_err, reason = "returned once a run; a box would be an allocation in the loop's thread")]
 pub fn run(stages: Stages<'_>, run: Run) -> Result<RunReport, LoopError> {
     if let Some(trip) = stages.supervisor.trip() {
         return Err(LoopError::StillTripped { run: run.number, trip: *trip });
@@ -218,7 +217,6 @@ impl Cycle<'_> {
     }
 
     /// The last tick's command acts until the next tick would begin; outputs are not left at it.
-    #[expect(clippy::result_large_err, reason = "returned once a run; a box would be an allocation in the loop's thread")]
     fn finish(mut self, index: u64, ended: Ended) -> Result<RunReport, LoopError> {
         let safe = self.safe_command();
         let Stages { clock, device, supervisor, publish, flight, .. } = self.stages;
@@ -233,7 +231,10 @@ impl Cycle<'_> {
         self.statistics.incidents_dropped = flight.end_run();
         let run = self.run.number;
         let statistics = self.statistics;
-        written.map_err(|source| LoopError::Device { run, safe_state: Err(source.clone()), source, statistics })?;
+        let failed = |source: DeviceError| {
+            LoopError::Device { run, safe_state: Err(source.clone()), source, statistics: Box::new(statistics) }
+        };
+        written.map_err(failed)?;
         Ok(RunReport { run, ended, trip: supervisor.trip().copied(), statistics: self.statistics })
     }
 
@@ -254,7 +255,7 @@ impl Cycle<'_> {
         self.statistics.account(&flown, handover);
         flight.record(flown);
         self.statistics.incidents_dropped = flight.end_run();
-        LoopError::Device { run: self.run.number, source, safe_state, statistics: self.statistics }
+        LoopError::Device { run: self.run.number, source, safe_state, statistics: Box::new(self.statistics) }
     }
 }
 

@@ -176,10 +176,10 @@ fn read(path: &Path) -> Result<(), Box<dyn Error>> {
     all(samples)
 }
 
-fn rows(
-    path: &Path,
-    take: &mut dyn FnMut(&recordings::Recording) -> Result<(), Box<dyn Error>>,
-) -> Result<(), Box<dyn Error>> {
+/// Takes a block of rows.
+type Take<'a> = &'a mut dyn FnMut(&recordings::Recording) -> Result<(), Box<dyn Error>>;
+
+fn rows(path: &Path, take: Take<'_>) -> Result<(), Box<dyn Error>> {
     let mut count = 0;
     for block in Rows::open(path)? {
         let block = block?;
