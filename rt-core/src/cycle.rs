@@ -231,8 +231,11 @@ impl Cycle<'_> {
         self.statistics.incidents_dropped = flight.end_run();
         let run = self.run.number;
         let statistics = self.statistics;
-        let failed = |source: DeviceError| {
-            LoopError::Device { run, safe_state: Err(source.clone()), source, statistics: Box::new(statistics) }
+        let failed = |source: DeviceError| LoopError::Device {
+            run,
+            safe_state: Err(source.clone()),
+            source,
+            statistics: Box::new(statistics),
         };
         written.map_err(failed)?;
         Ok(RunReport { run, ended, trip: supervisor.trip().copied(), statistics: self.statistics })

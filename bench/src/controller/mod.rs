@@ -131,7 +131,16 @@ mod tests {
     use rt_core::{ControlledPressure, Input};
 
     fn step(target: Target) -> Step {
-        Step { target, brake_open: true, bypass_open: false, fixture: Fixture::Free, segment: 0, index: 0, last: false, waiting: None }
+        Step {
+            target,
+            brake_open: true,
+            bypass_open: false,
+            fixture: Fixture::Free,
+            segment: 0,
+            index: 0,
+            last: false,
+            waiting: None,
+        }
     }
 
     fn measured(angle_deg: f64, pressure1_bar: f64, pressure2_bar: f64) -> Measurement {
