@@ -12,7 +12,7 @@ use identify::analysis::write_whole;
 use identify::diagnose::{Diagnosis, diagnose_with};
 use identify::fit::Fit;
 use identify::identification::{Identified, IdentifyError, Loaded, identify};
-use identify::misfit;
+use identify::misfit::{self, Part};
 use identify::problem::Problem;
 use identify::validate::prepare_validation;
 use model::ModelFile;
@@ -77,6 +77,8 @@ pub struct Figures {
     pub residual_before: Option<f64>,
     /// And after.
     pub residual_after: Option<f64>,
+    /// Where the largest of it is left: file, column, noise floors (RMS), standard errors.
+    pub left: Vec<(String, String, f64, f64)>,
     /// Candidates of the first round with their probabilities.
     pub ranking: Vec<(String, f64)>,
     /// p-value by balance.
@@ -237,6 +239,7 @@ fn fill(out: &mut Case, truth: &Truth, recorded: &Recorded) -> Result<(), Hitch>
     out.figures.cost_truth = cost(&with);
     out.figures.residual_before = Some(misfit::largest(&diagnosis.parts_before));
     out.figures.residual_after = Some(misfit::largest(&diagnosis.parts_after));
+    out.figures.left = left(&recorded.loaded, &diagnosis.parts_after);
     out.figures.ranking = diagnosis.ranking.iter().map(|r| (r.id.clone(), r.probability)).collect();
     out.figures.balances = diagnosis.balances.iter().map(|(b, p)| (b.as_str().to_owned(), *p)).collect();
     out.figures.values = values_of(&diagnosis);
@@ -272,6 +275,18 @@ fn sealed(
     identified_after(began.elapsed().as_secs_f64());
     let diagnosis = diagnose_with(&library, &identified, note)?;
     Ok((identified, diagnosis))
+}
+
+/// The parts of a residual that are more than noise, the largest first.
+fn left(loaded: &Loaded, parts: &[Part]) -> Vec<(String, String, f64, f64)> {
+    const MOST: usize = 6;
+    let mut parts: Vec<&Part> = parts.iter().filter(|p| p.significance > 3.0).collect();
+    parts.sort_by(|a, b| b.structured.total_cmp(&a.structured));
+    let one = |p: &&Part| {
+        let (file, column) = (&loaded.runs[p.run].entry.file, p.channel.column());
+        (file.clone(), column.to_owned(), p.structured.max(0.0).sqrt(), p.significance)
+    };
+    parts.iter().take(MOST).map(one).collect()
 }
 
 /// Cost a target by the weights that the identification found: 1 is noise alone.
