@@ -6,7 +6,6 @@ use crate::look::page::page;
 use crate::look::plot::braille;
 use crate::look::summary::Summary;
 use crate::progress::Progress;
-use identify::component::loss_points;
 use recordings::{Campaign, Protocol, Recording};
 use serde_json::{Value, json};
 use std::io::Write;
@@ -182,17 +181,24 @@ fn strokes(summary: &Summary, found: &[String]) -> Vec<String> {
         return Vec::new();
     }
     let Ok(recording) = Recording::read(&summary.path, Protocol::ConstantFlow) else { return Vec::new() };
-    let points = loss_points(&recording);
-    let mut lines = vec![format!(
-        "  strokes with an interval of steady velocity: {} of {} segments",
-        points.len(),
-        summary.segments
-    )];
-    for point in &points {
-        lines.push(format!(
-            "    {:>9.3} rad/s at {:>7.2} deg, p1 + p2 = {:.3} bar, p1 - p2 = {:.3} bar",
-            point.velocity_rad_s, point.angle_deg, point.load_bar, point.dp_bar
-        ));
+    let all = identify::strokes::strokes(&recording);
+    let steady = all.iter().filter(|stroke| stroke.steady.is_some()).count();
+    let mut lines = vec![format!("  strokes with an interval of steady velocity: {steady} of {}", all.len())];
+    for stroke in &all {
+        let (begin_s, end_s) = stroke.span_s;
+        let segment = format!("    segment {:>4}, {begin_s:>8.2} .. {end_s:>8.2} s", stroke.segment);
+        lines.push(match &stroke.steady {
+            Some(steady) => format!(
+                "{segment}: {:>8.3} deg/s from {:.2} to {:.2} s, {:.1} to {:.1} deg, steady within {:.1} %",
+                steady.velocity_deg_s,
+                steady.span_s.0,
+                steady.span_s.1,
+                steady.angle_deg.0,
+                steady.angle_deg.1,
+                100.0 * steady.deviation
+            ),
+            None => format!("{segment}: no steady interval"),
+        });
     }
     lines
 }
