@@ -36,7 +36,7 @@ pub struct Unserved {
     pub name: String,
     /// What it needs.
     pub need: Need,
-    /// Protocols, with role identify, that would serve it and are not among the runs.
+    /// Protocols, with role identify, that would serve it and are not among the runs that can begin before it. Never empty.
     pub missing: Vec<Protocol>,
 }
 
@@ -49,15 +49,10 @@ fn explain(need: Need, missing: &[Protocol]) -> String {
         Need::Pump => ("flows", "the pump's characteristic"),
         Need::Model => ("pressures or angles", "an identified model"),
     };
-    let gap = if missing.is_empty() {
-        "the runs that would give it wait for it themselves".to_owned()
-    } else {
-        format!("no run of protocol {protocols} with role \"identify\" is in the list")
-    };
     format!(
-        "asks for {targets}, expected {wanted} from an earlier run or from the rig file, got neither: {gap}; add {} to the \
-         campaign, or name a model in the rig file ([controller] model)",
-        if missing.is_empty() { "runs that need less".to_owned() } else { format!("profiles such as {profiles}") }
+        "asks for {targets}, expected {wanted} from an earlier run or from the rig file, got neither: no run of protocol \
+         {protocols} with role \"identify\", that does not wait for this itself, is in the list; add profiles such as \
+         {profiles} to the campaign, or name a model in the rig file ([controller] model)"
     )
 }
 
@@ -85,21 +80,24 @@ pub fn order(experiments: &[Experiment], given: Need) -> Result<Vec<usize>, Unse
         let known = gives(ordered.iter().map(|&i: &usize| &experiments[i])).max(given);
         let Some(at) = left.iter().position(|&i| experiments[i].need <= known) else {
             let Experiment { name, need, .. } = &experiments[left[0]];
-            return Err(Unserved { name: name.clone(), need: *need, missing: missing(experiments, *need) });
+            return Err(Unserved { name: name.clone(), need: *need, missing: missing(experiments, *need, given) });
         };
         ordered.push(left.remove(at));
     }
     Ok(ordered)
 }
 
-/// Protocols that would serve the need and that no run of the list has with role identify.
-fn missing(experiments: &[Experiment], need: Need) -> Vec<Protocol> {
+/// Protocols that would serve the need and that no run of the list has with role identify; a run that needs itself what it is to give
+/// does not count.
+fn missing(experiments: &[Experiment], need: Need, given: Need) -> Vec<Protocol> {
     let wanted: &[Protocol] = match need {
         Need::Nothing => &[],
         Need::Pump => &[Protocol::PumpMap],
         Need::Model => &MODEL_FROM,
     };
-    let listed = |protocol| experiments.iter().any(|run| run.role == Role::Identify && run.protocol == protocol);
+    let gives = |protocol| if protocol == Protocol::PumpMap { Need::Pump } else { Need::Model };
+    let serves = |run: &Experiment| run.role == Role::Identify && (run.need < gives(run.protocol) || run.need <= given);
+    let listed = |protocol| experiments.iter().any(|run| run.protocol == protocol && serves(run));
     wanted.iter().copied().filter(|protocol| !listed(*protocol)).collect()
 }
 
@@ -196,13 +194,10 @@ mod tests {
                 let added = unserved.missing.iter().map(|protocol| Experiment {
                     name: "added".to_owned(), protocol: *protocol, role: Role::Identify, need: Need::Nothing,
                 });
-                let blocked = |list: &[Experiment]| order(list, given).err().map(|u| u.name);
+                prop_assert!(!unserved.missing.is_empty());
                 let completed: Vec<Experiment> = list.iter().cloned().chain(added).collect();
-                if !unserved.missing.is_empty() {
-                    let still = blocked(&completed);
-                    let waits_itself = list.iter().any(|e| e.need == Need::Model && MODEL_FROM.contains(&e.protocol));
-                    prop_assert!(still.is_none() || still != Some(unserved.name) || waits_itself, "{:?}", completed);
-                }
+                let still = order(&completed, given).err().map(|u| u.name);
+                prop_assert!(still != Some(unserved.name), "{:?}", completed);
             }
         }
     }
