@@ -93,7 +93,7 @@ impl Uncertainty {
             index::L4 => [index::L1, index::L2, index::L3, index::A]
                 .into_iter()
                 .map(entry)
-                .fold(Some(f64::INFINITY), |least, own| Some(least?.min(own?))),
+                .try_fold(f64::INFINITY, |least, own| Some(least.min(own?))),
             p => entry(p),
         }
     }

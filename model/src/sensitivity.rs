@@ -9,7 +9,7 @@ use crate::scalar::{LANES, Scalar, Tangent};
 ///
 /// The variational equation S' = A S + B is taken at the middle of a step, with A and B from dual numbers, and advanced by
 /// its exponential: second order in the step, stable where the plant is. A and B change as slowly as the state does between kinks,
-/// so steps in a row on one branch under one input share them for up to [`SHARED_S`].
+/// so two steps in a row on one branch under one input share those of their middle, four where the lever is led.
 pub struct Sensitivity {
     states: usize,
     columns: usize,
@@ -22,9 +22,8 @@ pub struct Sensitivity {
     drive: Vec<f64>,
 }
 
-/// Longest time over which A and B count as constant, s: short beside the lever's own period of some 80 ms. A led lever has none:
-/// there they hold for four steps.
-const SHARED_S: f64 = 1e-3;
+/// Longest time over which A and B hold while the lever creeps, s.
+const CREEP_S: f64 = 1e-3;
 
 /// Under both inputs A and B are as good as the same.
 fn alike(a: &Input, b: &Input) -> bool {
@@ -77,12 +76,23 @@ impl Sensitivity {
             s.branches == branches && t < s.until_s && (s.dt - dt).abs() < 1e-9 * dt && alike(&s.input, input)
         });
         if !kept {
-            self.linearise(seeds, input, t, dt, middle);
-            // an effect may have kinks of its own, which nobody tells; near zero velocity the losses are as fast as a step
-            let fast = seeds.moved_by_effects() || rec::creeps(input, branches);
-            let led_s = if input.lever == Lever::Free { 0.0 } else { 4.0 * dt };
-            let shared_s = if fast { 0.0 } else { SHARED_S.max(led_s) };
-            self.shared = Some(Shared { input: *input, dt, until_s: t + shared_s - 0.5 * dt, branches });
+            let steps = match input.lever {
+                // an effect may have kinks of its own, which nobody tells
+                _ if seeds.moved_by_effects() => 1.0,
+                // near zero velocity the losses are fast, and the steps short
+                _ if rec::creeps(input, branches) => (CREEP_S / dt + 1e-6).floor().clamp(1.0, 4.0),
+                Lever::Free => 2.0,
+                Lever::Led { .. } => 4.0,
+            };
+            let ahead_s = 0.5 * (steps - 1.0) * dt;
+            match seeds
+                .ahead(input, t, ahead_s, middle)
+                .filter(|x| steps > 1.0 && seeds.branches(input, t, x) == branches)
+            {
+                Some(x) => self.linearise(seeds, input, t + ahead_s, dt, &x[..middle.len()]),
+                None => self.linearise(seeds, input, t, dt, middle),
+            }
+            self.shared = Some(Shared { input: *input, dt, until_s: t + (steps - 0.5) * dt, branches });
         }
         let (n, m) = (self.states, self.columns);
         self.next.copy_from_slice(&self.drive);
@@ -208,6 +218,20 @@ impl Seeds {
                 return Seeds { packs, values };
             }
         }
+    }
+
+    /// The state that the reference model goes on to within `ahead_s`, by its slope; `None` with states of effects.
+    fn ahead(&self, input: &Input, t: f64, ahead_s: f64, x: &[f64]) -> Option<[f64; MOST_STATES]> {
+        if x.len() != rec::STATES {
+            return None;
+        }
+        let mut dx = [0.0; MOST_STATES];
+        rec::derivative(input, &self.values, &EffectSet::none(), t, x, &mut dx[..x.len()]);
+        let mut out = [0.0; MOST_STATES];
+        for i in 0..x.len() {
+            out[i] = x[i] + ahead_s * dx[i];
+        }
+        Some(out)
     }
 
     /// There are effects, and not on the sensors alone.
