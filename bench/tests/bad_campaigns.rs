@@ -222,7 +222,7 @@ fn a_small_campaign_is_identified_and_what_it_can_t_tell_is_said() {
         .map(|f| f.expect("readable").file_name().into_string().expect("UTF-8"))
         .collect();
     files.sort_unstable();
-    assert_eq!(files, ["model.toml", "report.html"], "no findings without a diagnosis");
+    assert_eq!(files, ["model.toml", "report.html", "report.json"], "no findings without a diagnosis");
     let model = ModelFile::read(&analysis.join("model.toml")).expect("it loads back");
     assert!(model.source.contains_key("not_determined"));
     simulates(&analysis.join("model.toml"), dir.path());

@@ -7,8 +7,10 @@
 //! | `cargo run --release -p benchmarks --bin instructions` | instructions of a tick, in all and by stage (callgrind) |
 //! | `cargo run --release -p benchmarks --bin serial_wire` | age of the newest report over a serial port, beside the bare port |
 //! | `cargo run --release -p benchmarks --bin can_wire` | age of the newest sample over CAN, beside the bare socket |
+//! | `cargo run --release -p benchmarks --bin coverage` | how often the identification's 95 % intervals hold the truth, over simulated campaigns |
 //! | `benchmarks/lateness.sh` | lateness of the loop's wake-ups against cyclictest, idle and under load |
 
+pub mod campaign;
 pub mod wire;
 
 use bench::controller::{PumpController, Settings as ControllerSettings};

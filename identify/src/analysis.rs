@@ -5,17 +5,25 @@ use std::path::{Path, PathBuf};
 use model::ModelFile;
 use model::integrate::SimulationError;
 
+use crate::consistency::{Check, Material, checks};
 use crate::diagnose::{Diagnosis, Verdict, diagnose};
 use crate::figure::{Figure, Table};
 use crate::figures::{self, Subject};
 use crate::findings::Findings;
-use crate::identification::{Identified, IdentifyError, Loaded, identify};
+use crate::identification::{Identified, IdentifyError, Loaded, identify_as};
 use crate::model_file::{declared_fit, model_file};
+use crate::rank::rank;
+use crate::report::Report;
+use crate::score::Scene;
+use crate::torque_form::TorqueForm;
 use crate::uncertainty::Uncertainty;
 use crate::validate::{Prepared, ValidatedRun, prepare_validation, validate};
+use crate::whiteness::{Whiteness, whiteness};
 
 /// Name of the model file.
 pub const MODEL_FILE: &str = "model.toml";
+/// Name of the report's twin for programs.
+pub const REPORT_FILE: &str = "report.json";
 /// Name of the file with the findings.
 pub const FINDINGS_FILE: &str = "findings.json";
 
@@ -42,6 +50,10 @@ pub struct Analysis {
     pub model: ModelFile,
     /// What `findings.json` holds.
     pub findings: Option<Findings>,
+    /// Checks of the reference model's physics.
+    pub checks: Vec<Check>,
+    /// What `report.json` holds.
+    pub report: Report,
     /// For the report.
     pub figures: Vec<Figure>,
     /// For the report.
@@ -66,12 +78,25 @@ pub struct WriteError {
 /// Before anything is computed: no run to be fitted or none to validate, a run that can't be used. Later: the model can't be
 /// simulated on the runs that are fitted.
 pub fn analyse(loaded: &Loaded, depth: Depth, progress: &dyn Fn(&str)) -> Result<Analysis, IdentifyError> {
+    analyse_as(loaded, depth, TorqueForm::SecondEquation, progress)
+}
+
+/// As [`analyse`], with this form of the torque.
+///
+/// # Errors
+/// As there.
+pub fn analyse_as(
+    loaded: &Loaded,
+    depth: Depth,
+    form: TorqueForm,
+    progress: &dyn Fn(&str),
+) -> Result<Analysis, IdentifyError> {
     let prepared = prepare_validation(loaded)?;
     let simulation = |what: &str| {
         let what = what.to_string();
         move |source| IdentifyError::Simulation { what, source }
     };
-    let identified = identify(loaded, progress)?;
+    let identified = identify_as(loaded, form, progress)?;
     let diagnosis = match depth {
         Depth::Identification => None,
         Depth::Diagnosis => {
@@ -96,12 +121,22 @@ pub fn conclude(
 ) -> Result<Analysis, SimulationError> {
     let verdict = diagnosis.as_ref().map(|d| d.verdict);
     let changed = diagnosis.as_ref().filter(|d| d.verdict != Verdict::None);
-    let uncertainty = Uncertainty::of(&identified.problem, &identified.fit)?;
+    let problem = &identified.problem;
+    let scene = Scene::new(problem, &identified.fit)?;
+    let uncertainty = Uncertainty::of_linear(problem, &identified.fit, &scene.pieces, &scene.normal);
+    let (rank, checks) = {
+        let material = Material { loaded, identified: &identified, uncertainty: &uncertainty, scene: &scene };
+        let (rank, checks) = rayon::join(|| rank(problem, &identified.fit), || checks(&material));
+        (rank?, checks)
+    };
+    drop(scene);
     let uncertainty_after = match changed {
         Some(d) => Some(Uncertainty::of(&identified.problem, &d.after)?),
         None => None,
     };
+    let by_eq2 = identified.by_eq2.as_ref().map(|fit| validate(loaded, prepared.clone(), fit, None));
     let validation = validate(loaded, prepared, &identified.fit, diagnosis.as_ref().map(|d| &d.after));
+    let whiteness = residual_analysis(loaded, &validation);
     let declared = declared_fit(&identified, diagnosis.as_ref());
     let own = match (&uncertainty_after, verdict) {
         (Some(after), Some(Verdict::Attributed)) => after,
@@ -117,14 +152,42 @@ pub fn conclude(
         diagnosis: diagnosis.as_ref(),
         uncertainty_after: uncertainty_after.as_ref(),
         validation: &validation,
+        by_eq2: by_eq2.as_deref(),
+        checks: &checks,
+        rank: &rank,
+        whiteness: &whiteness,
     };
     let (figures, tables) = (figures::figures(&subject), figures::tables(&subject));
     let headline = figures::headline(&subject);
-    Ok(Analysis { campaign, identified, diagnosis, validation, model, findings, figures, tables, headline })
+    let report = Report::of(&subject, &headline);
+    Ok(Analysis {
+        campaign,
+        identified,
+        diagnosis,
+        validation,
+        model,
+        findings,
+        checks,
+        report,
+        figures,
+        tables,
+        headline,
+    })
+}
+
+/// Of each validation run, with the last model that came to its end.
+fn residual_analysis(loaded: &Loaded, validation: &[ValidatedRun]) -> Vec<Whiteness> {
+    let last = |run: &ValidatedRun| match (&run.after, &run.before) {
+        (Some(Ok(after)), _) => Some(after.clone()),
+        (None, Ok(before)) => Some(before.clone()),
+        _ => None,
+    };
+    let runs = validation.iter().filter_map(|run| Some((run, last(run)?)));
+    runs.flat_map(|(run, simulated)| whiteness(run, &simulated, &loaded.runs[run.prepared.run].recording)).collect()
 }
 
 impl Analysis {
-    /// Writes `model.toml` and, where there was a diagnosis, `findings.json` into `out`, which is made where it is missing.
+    /// Writes `model.toml`, `report.json` and, where there was a diagnosis, `findings.json` into `out`, which is made where it is missing.
     /// Returns what was written. A file that is there is replaced once the new one is complete.
     ///
     /// # Errors
@@ -132,6 +195,7 @@ impl Analysis {
     pub fn write(&self, out: &Path) -> Result<Vec<PathBuf>, WriteError> {
         std::fs::create_dir_all(out).map_err(|source| WriteError { file: out.to_owned(), source })?;
         let mut written = vec![write_whole(&out.join(MODEL_FILE), &self.model.to_toml())?];
+        written.push(write_whole(&out.join(REPORT_FILE), &self.report.to_json())?);
         if let Some(findings) = &self.findings {
             written.push(write_whole(&out.join(FINDINGS_FILE), &findings.to_json())?);
         }

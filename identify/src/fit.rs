@@ -17,11 +17,14 @@ pub struct Effort {
     pub hopeless_above: f64,
     /// See `hopeless_above`.
     pub patience: usize,
+    /// Where it is finite, it decides instead of the tolerance: stop when the whole next step promises less than this share of a noise
+    /// variance. A hundredth leaves every parameter within a tenth of its standard error of the minimum, however flat that is.
+    pub promise: f64,
 }
 
 impl Default for Effort {
     fn default() -> Self {
-        Effort { iterations: 25, tolerance: 1e-6, hopeless_above: f64::INFINITY, patience: 4 }
+        Effort { iterations: 25, tolerance: 1e-6, hopeless_above: f64::INFINITY, patience: 4, promise: f64::INFINITY }
     }
 }
 
@@ -44,7 +47,8 @@ pub fn fit(problem: &Problem, layout: &Layout, start: Point, effort: Effort) -> 
     let mut point = start;
     clip(&mut point.theta, &bounds);
     let mut cost = problem.cost_of(&problem.residuals(layout, &point)?, &point);
-    let mut damping = 1e-3;
+    // near the minimum already: flat directions must not wait for the damping to fall
+    let mut damping = if effort.promise.is_finite() { 1e-7 } else { 1e-3 };
     let mut growth = 2.0;
     let mut converged = false;
     'outer: for iteration in 0..effort.iterations {
@@ -54,6 +58,15 @@ pub fn fit(problem: &Problem, layout: &Layout, start: Point, effort: Effort) -> 
         let pieces = problem.linearise(layout, &point)?;
         let normal = problem.normal(&pieces, layout.len(), &point);
         let active = pushed_out(&point.theta, &bounds, &normal.gradient, &normal.matrix);
+        let enough = effort.promise * misfit(problem, cost);
+        if enough.is_finite() {
+            // of the whole step: a damped one promises little along a flat direction, however far its minimum is
+            let whole = damped_step(&normal.matrix, &normal.gradient, &active, 1e-13);
+            if whole.is_some_and(|step| normal.gradient.dot(&step) < enough) {
+                converged = true;
+                break;
+            }
+        }
         loop {
             let Some(step) = damped_step(&normal.matrix, &normal.gradient, &active, damping) else {
                 damping *= 10.0;
@@ -82,7 +95,7 @@ pub fn fit(problem: &Problem, layout: &Layout, start: Point, effort: Effort) -> 
                 cost = trial_cost;
                 damping = (damping * (1.0 - (2.0 * gain - 1.0).powi(3)).max(0.1)).max(1e-9);
                 growth = 2.0;
-                if relative < effort.tolerance {
+                if relative < effort.tolerance && enough.is_infinite() {
                     converged = true;
                     break 'outer;
                 }
@@ -90,7 +103,7 @@ pub fn fit(problem: &Problem, layout: &Layout, start: Point, effort: Effort) -> 
             }
             damping *= growth;
             growth *= 2.0;
-            if predicted < effort.tolerance * cost || damping > 1e10 {
+            if predicted < enough.min(effort.tolerance * cost) || damping > 1e10 {
                 converged = true;
                 break 'outer;
             }
@@ -98,6 +111,11 @@ pub fn fit(problem: &Problem, layout: &Layout, start: Point, effort: Effort) -> 
         tracing::debug!(iteration, cost, damping, "fit");
     }
     Ok(Fit { layout: layout.clone(), point, cost, converged })
+}
+
+/// Size of the residuals over that of the noise, squared, at least 1.
+fn misfit(problem: &Problem, cost: f64) -> f64 {
+    (cost / problem.targets().max(1) as f64).max(1.0)
 }
 
 fn clip(theta: &mut [f64], bounds: &[(f64, f64)]) {

@@ -5,34 +5,15 @@ use std::collections::BTreeMap;
 use model::Parameters;
 use model::integrate::SimulationError;
 use model::parameters::{NAMES, index};
-use recordings::{Campaign, CampaignError, Protocol, Recording, Role, RunEntry};
+use recordings::{CampaignError, Protocol, Role};
 
 use crate::component::{self, CapacityPoint, LossPoint, PumpPoint, TorquePoint};
 use crate::fit::{Effort, Fit, covariance, fit};
 use crate::layout::Layout;
-use crate::noise::{median, white_std};
-use crate::prepare::{Channel, Stand, Stretch, Unusable, stretches};
+pub use crate::loaded::{Loaded, LoadedRun};
+use crate::prepare::{Stand, Stretch, Unusable};
 use crate::problem::Problem;
-
-/// A run as it was read.
-pub struct LoadedRun {
-    /// Its entry in the campaign.
-    pub entry: RunEntry,
-    /// Its samples.
-    pub recording: Recording,
-    /// Noise of one sample by channel, in the channel's unit, where the data tell it.
-    pub noise: [Option<f64>; 5],
-    /// Step of a quantised channel, in the channel's unit; 0 for a continuous one.
-    pub step: [f64; 5],
-}
-
-/// A campaign with all runs read.
-pub struct Loaded {
-    /// The campaign.
-    pub campaign: Campaign,
-    /// In the order of the campaign.
-    pub runs: Vec<LoadedRun>,
-}
+use crate::torque_form::{TorqueForm, refit_third_order};
 
 /// What can go wrong from a folder to a model.
 #[derive(Debug, thiserror::Error)]
@@ -80,8 +61,8 @@ pub struct Identified {
     pub problem: Problem,
     /// The joint fit in free run.
     pub fit: Fit,
-    /// Standard errors of its entries.
-    pub std: Vec<f64>,
+    /// The fit with the torque as eq. (2) alone, where `fit` has more.
+    pub by_eq2: Option<Fit>,
     /// Base parameters that the data do not determine, with the reason.
     pub undetermined: BTreeMap<String, String>,
     /// Values of the paper's separate fits.
@@ -89,94 +70,6 @@ pub struct Identified {
     /// Data points.
     pub points: Characteristics,
 }
-
-impl Loaded {
-    /// Reads every run of the campaign in `dir`.
-    pub fn read(dir: &std::path::Path) -> Result<Loaded, IdentifyError> {
-        Loaded::of(Campaign::open(dir)?)
-    }
-
-    /// Reads every run that the campaign names, which may be fewer than its folder holds.
-    pub fn of(campaign: Campaign) -> Result<Loaded, IdentifyError> {
-        let recordings = campaign.runs.iter().map(|entry| campaign.read(entry)).collect::<Result<_, _>>()?;
-        Ok(Loaded::from_recordings(campaign, recordings))
-    }
-
-    /// Of recordings in the order of the campaign's runs.
-    pub fn from_recordings(campaign: Campaign, recordings: Vec<Recording>) -> Loaded {
-        let mut runs = Vec::new();
-        for (entry, recording) in campaign.runs.iter().zip(recordings) {
-            let noise = Channel::ALL.map(|c| {
-                let values: Vec<f64> =
-                    if c == Channel::Volume { readings(&recording) } else { c.of(&recording).to_vec() };
-                white_std(&values).filter(|s| *s > 0.0)
-            });
-            let step =
-                Channel::ALL.map(|c| if c == Channel::Volume { 0.0 } else { crate::noise::step(c.of(&recording)) });
-            runs.push(LoadedRun { entry: entry.clone(), recording, noise, step });
-        }
-        Loaded { campaign, runs }
-    }
-
-    /// Stretches and weights of the runs with this role.
-    pub fn problem(&self, role: Role) -> Result<Problem, IdentifyError> {
-        let mut problem = Problem::default();
-        for (n, run) in self.runs.iter().enumerate().filter(|(_, r)| r.entry.role == role) {
-            let pieces = stretches(n, &run.entry.file, run.entry.protocol, run.entry.plane, &run.recording)?;
-            for s in pieces {
-                problem.std.push(Channel::ALL.map(|c| self.noise_of(n, c)));
-                problem.steps.push(Channel::ALL.map(|c| self.undithered(n, c)));
-                problem.stretches.push(s);
-            }
-        }
-        Ok(problem)
-    }
-
-    /// Mean square that a sensor's steps leave structured, in units of its noise squared: where the noise is too small to
-    /// dither them.
-    fn undithered(&self, run: usize, channel: Channel) -> f64 {
-        let step = self.runs[run].step[channel as usize];
-        let noise = self.runs[run].noise[channel as usize].unwrap_or(0.0);
-        if noise < 0.4 * step { step * step / 12.0 / self.noise_of(run, channel).powi(2) } else { 0.0 }
-    }
-
-    /// Noise of one sample of a channel in a run, at least what its steps make; where the run does not tell it, the median of the other runs.
-    pub fn noise_of(&self, run: usize, channel: Channel) -> f64 {
-        let c = channel as usize;
-        // the clamp-steps hold one reading of the cylinder for a whole segment: the pump map tells its noise
-        let own = match (self.runs[run].entry.protocol, channel) {
-            (Protocol::ClampSteps, Channel::Volume) => None,
-            _ => self.runs[run].noise[c],
-        };
-        let least = self.runs[run].step[c] / 12f64.sqrt();
-        own.map(|s| s.max(least)).unwrap_or_else(|| {
-            let mut others: Vec<f64> = self
-                .runs
-                .iter()
-                .filter(|r| r.entry.protocol != Protocol::ClampSteps && r.entry.protocol != Protocol::VolumeMap)
-                .filter_map(|r| r.noise[c])
-                .collect();
-            if others.is_empty() { UNKNOWN_NOISE[c] } else { median(&mut others) }
-        })
-    }
-}
-
-/// The cylinder's readings, with a `NaN` where a segment ends and it starts anew.
-fn readings(r: &Recording) -> Vec<f64> {
-    let mut out = Vec::new();
-    for i in 0..r.len() {
-        if i > 0 && r.segment[i] != r.segment[i - 1] {
-            out.push(f64::NAN);
-        }
-        if r.volume_ml[i].is_finite() {
-            out.push(r.volume_ml[i]);
-        }
-    }
-    out
-}
-
-/// Noise that is assumed where no run tells it: degrees, bar, bar, Nm, ml.
-const UNKNOWN_NOISE: [f64; 5] = [0.01, 0.01, 0.01, 0.05, 0.05];
 
 /// The paper's separate evaluations, as far as the runs are there.
 fn components(loaded: &Loaded, problem: &Problem, start: &mut Parameters) -> Characteristics {
@@ -201,8 +94,19 @@ fn components(loaded: &Loaded, problem: &Problem, start: &mut Parameters) -> Cha
     points
 }
 
-/// Identifies the reference model: the paper's separate fits, then all parameters together in free run.
+/// [`identify_as`] with the torque as eq. (2).
+///
+/// # Errors
+/// As there.
 pub fn identify(loaded: &Loaded, progress: &dyn Fn(&str)) -> Result<Identified, IdentifyError> {
+    identify_as(loaded, TorqueForm::SecondEquation, progress)
+}
+
+/// Identifies the reference model: the paper's separate fits, then all parameters together in free run.
+///
+/// # Errors
+/// No run may be fitted, a run can't be used, or the model can't be simulated on the runs.
+pub fn identify_as(loaded: &Loaded, form: TorqueForm, progress: &dyn Fn(&str)) -> Result<Identified, IdentifyError> {
     let mut problem = loaded.problem(Role::Identify)?;
     if problem.stretches.is_empty() {
         return Err(IdentifyError::Missing {
@@ -263,12 +167,20 @@ pub fn identify(loaded: &Loaded, progress: &dyn Fn(&str)) -> Result<Identified, 
     let polish = Effort {
         iterations: if gross { 12 } else { 20 },
         tolerance: if gross { 1e-3 } else { 1e-6 },
+        promise: if gross { f64::INFINITY } else { PROMISE },
         ..Effort::default()
     };
     let last = fit(&problem, &layout, start, polish).map_err(simulation("the identify runs"))?;
     progress("joint fit in free run, final pass");
-    let std = standard_errors(&problem, &last).map_err(simulation("the identify runs"))?;
-    Ok(Identified { problem, fit: last, std, undetermined, component, points })
+    let (fit, by_eq2) = match form {
+        TorqueForm::SecondEquation => (last, None),
+        TorqueForm::ThirdOrder => {
+            let third = refit_third_order(&problem, &last, polish).map_err(simulation("the identify runs"))?;
+            progress("joint fit with the torque's terms of third order");
+            (third, Some(last))
+        }
+    };
+    Ok(Identified { problem, fit, by_eq2, undetermined, component, points })
 }
 
 /// Standard errors of a fit's entries: see [`covariance_of`].
@@ -304,6 +216,12 @@ fn bypass_by_scan(problem: &Problem, layout: &Layout, p: &mut Parameters) {
     }
 }
 
+/// What a next step may still promise at the end of the joint fit, noise variances: see [`Effort::promise`].
+const PROMISE: f64 = 0.01;
+
+/// From this correlation on two parameters are told as a combination.
+const BOUND: f64 = 0.95;
+
 /// Takes out of the layout what the data do not determine: one after the other, the worst first.
 fn drop_undetermined(
     problem: &Problem,
@@ -328,9 +246,19 @@ fn drop_undetermined(
         match worst {
             Some((i, ratio)) if ratio > 1.0 => {
                 let parameter = first.layout.base[left[i]];
+                let of = |j: usize| c[(i, j)] / (c[(i, i)] * c[(j, j)]).sqrt();
+                let bound: Vec<&str> = (0..left.len())
+                    .filter(|&j| j != i && of(j).abs() > BOUND)
+                    .map(|j| NAMES[first.layout.base[left[j]]])
+                    .collect();
                 let why = format!(
-                    "its standard error is {} its size: {}",
+                    "its standard error is {} its size{}: {}",
                     if ratio > 1e4 { "far beyond".to_string() } else { format!("{ratio:.1} times") },
+                    if bound.is_empty() {
+                        String::new()
+                    } else {
+                        format!(", only a combination with {} shows", bound.join(", "))
+                    },
                     needed_run(parameter)
                 );
                 out.insert(NAMES[parameter].to_string(), why);
@@ -349,7 +277,7 @@ fn drop_undetermined(
 }
 
 /// A size below which a parameter is as good as zero, so that a well-known zero is not called undetermined.
-fn scale(parameter: usize) -> f64 {
+pub(crate) fn scale(parameter: usize) -> f64 {
     use index::*;
     match parameter {
         M1 => 0.5,

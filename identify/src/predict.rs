@@ -1,7 +1,7 @@
 //! What a model says about a stretch: free run from its initial state, with the recorded inputs.
 
 use model::effects::EffectSet;
-use model::integrate::{Integrator, Seeds, Sensitivity, SimulationError};
+use model::integrate::{Integrator, Seeds, Sensitivity, SimulationError, Trail};
 use model::port::PortKind;
 use model::rec::{self, Input, STATES, state};
 use model::scalar::{Scalar, Tangent};
@@ -32,6 +32,7 @@ struct Run<'a> {
     k: &'a [f64],
     effects: &'a EffectSet<f64>,
     integrator: Integrator,
+    trail: Trail,
     x: Vec<f64>,
     scratch: Vec<f64>,
     /// Shown minus true angle, rad.
@@ -59,8 +60,9 @@ impl<'a> Run<'a> {
             rec::rest_states(&input, k, effects, &mut x);
         }
         let longest = if stretch.stand == Stand::Free { STEP_FREE_S } else { STEP_LED_S };
-        let integrator = Integrator::for_plant(longest, k, effects, &input, &x);
-        Run { stretch, k, effects, integrator, x, scratch, shift_rad }
+        let integrator = Integrator::for_plant(longest, k, effects, &input, &x).resolving_creep();
+        let trail = Trail::new(k);
+        Run { stretch, k, effects, integrator, trail, x, scratch, shift_rad }
     }
 
     /// Puts the inputs of row `i` that stand in the state into it.
@@ -86,7 +88,9 @@ impl<'a> Run<'a> {
     }
 
     fn advance(&mut self, i: usize) -> Result<(), SimulationError> {
-        self.advance_with(i, |_, _, _, _| ())
+        let dt = self.step_length(i);
+        let (s, k, effects) = (self.stretch, self.k, self.effects);
+        self.integrator.advance_along(&mut self.trail, &s.input(i, dt), k, effects, s.time_s[i], dt, &mut self.x)
     }
 
     /// Advances from row `i` to the next; `piece(input, middle's time, length, state in the middle)` for each smooth piece.

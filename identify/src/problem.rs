@@ -262,6 +262,28 @@ impl Normal {
             .collect()
     }
 
+    /// A stretch's rows of derivatives with what its initial values take up left out: `columns` entries a row. The second part is
+    /// what the initial values' priors, off by `initial` (with standard errors `std`), add to the gradient.
+    pub(crate) fn without_initial(
+        &self,
+        stretch: usize,
+        piece: &Piece,
+        columns: usize,
+        initial: &Initial,
+        std: &[f64; 3],
+    ) -> (Vec<f64>, Vec<f64>) {
+        let (inverse, coupling, _) = &self.eliminated[stretch];
+        let taken = inverse * coupling;
+        let mut rows = Vec::with_capacity(piece.residual.len() * columns);
+        for row in piece.slope.chunks(columns + 3) {
+            let own = &row[columns..];
+            rows.extend((0..columns).map(|j| row[j] - (0..3).map(|i| own[i] * taken[(i, j)]).sum::<f64>()));
+        }
+        let pull = [0, 1, 2].map(|i| if std[i] > 0.0 { initial[i] / (std[i] * std[i]) } else { 0.0 });
+        let prior = (0..columns).map(|j| (0..3).map(|i| pull[i] * taken[(i, j)]).sum()).collect();
+        (rows, prior)
+    }
+
     /// What the initial values do when the parameters move by `step`.
     pub fn initial_step(&self, step: &DVector<f64>) -> Vec<Initial> {
         self.eliminated

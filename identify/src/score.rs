@@ -19,8 +19,8 @@ const CLUSTER_S: f64 = 5.0;
 pub struct Scene<'a> {
     problem: &'a Problem,
     fit: &'a Fit,
-    pieces: Vec<Piece>,
-    normal: Normal,
+    pub(crate) pieces: Vec<Piece>,
+    pub(crate) normal: Normal,
     inverse: DMatrix<f64>,
     /// The residual with everything fitted projected out.
     pub residual: Vec<Vec<f64>>,
@@ -66,12 +66,17 @@ impl<'a> Scene<'a> {
     pub fn new(problem: &'a Problem, fit: &'a Fit) -> Result<Self, model::integrate::SimulationError> {
         let pieces = problem.linearise(&fit.layout, &fit.point)?;
         let normal = problem.normal(&pieces, fit.layout.len(), &fit.point);
+        Ok(Self::of(problem, fit, pieces, normal))
+    }
+
+    /// Of a fit that is linearised already.
+    pub fn of(problem: &'a Problem, fit: &'a Fit, pieces: Vec<Piece>, normal: Normal) -> Self {
         let inverse = covariance(&normal.matrix).map(|v| if v.is_finite() { v } else { 0.0 });
         let (clusters, cluster_count) = clusters(problem);
         let mut scene = Scene { problem, fit, pieces, normal, inverse, residual: Vec::new(), clusters, cluster_count };
         let raw: Vec<Vec<f64>> = scene.pieces.iter().map(|p| p.residual.clone()).collect();
         scene.residual = scene.orthogonal(raw);
-        Ok(scene)
+        scene
     }
 
     /// Removes from a vector of targets what parameters and initial values can produce.
@@ -107,30 +112,40 @@ impl<'a> Scene<'a> {
 
     /// The directions of a candidate; those that can't be simulated or do nothing are left out.
     pub fn directions(&self, effect: &'static dyn Effect) -> Vec<Direction> {
+        effect.header().starts.par_iter().filter_map(|start| self.direction(effect, start)).collect()
+    }
+
+    /// The direction of a candidate with these parameters; `None` where it can't be simulated or does nothing.
+    pub fn direction(&self, effect: &'static dyn Effect, start: &[f64]) -> Option<Direction> {
         let layout = self.fit.layout.with(effect);
-        let base: Vec<Vec<f64>> = self.pieces.iter().map(|p| p.residual.clone()).collect();
-        effect
-            .header()
-            .starts
-            .par_iter()
-            .filter_map(|start| {
-                let mut point = self.fit.point.clone();
-                point.theta.extend_from_slice(start);
-                let with = self.problem.residuals(&layout, &point).ok()?;
-                let secant: Vec<Vec<f64>> =
-                    base.iter().zip(&with).map(|(a, b)| a.iter().zip(b).map(|(a, b)| a - b).collect()).collect();
-                let secant = self.orthogonal(secant);
-                let square = dot(&secant, &secant);
-                let with_residual = dot(&secant, &self.residual);
-                (square.is_finite() && square > 1e-6).then(|| Direction {
-                    effect,
-                    start: start.to_vec(),
-                    secant,
-                    square,
-                    with_residual,
-                })
-            })
-            .collect()
+        let mut point = self.fit.point.clone();
+        point.theta.extend_from_slice(start);
+        let with = self.problem.residuals(&layout, &point).ok()?;
+        let base = self.pieces.iter().map(|p| &p.residual);
+        let secant: Vec<Vec<f64>> =
+            base.zip(&with).map(|(a, b)| a.iter().zip(b).map(|(a, b)| a - b).collect()).collect();
+        let secant = self.orthogonal(secant);
+        let square = dot(&secant, &secant);
+        let with_residual = dot(&secant, &self.residual);
+        let start = start.to_vec();
+        (square.is_finite() && square > 1e-6).then_some(Direction { effect, start, secant, square, with_residual })
+    }
+
+    /// By how much the start of a direction has to be scaled to explain the residual best, and the standard error of that: the
+    /// larger of what independent residuals give and of what the sums over clusters say.
+    pub fn asked_for(&self, d: &Direction) -> (f64, f64) {
+        let scale = d.scale();
+        let n = self.cluster_count;
+        let (mut sums, mut squares) = (vec![0.0; n], vec![0.0; n]);
+        for ((s, r), c) in d.secant.iter().zip(&self.residual).zip(&self.clusters) {
+            for ((s, r), c) in s.iter().zip(r).zip(c) {
+                sums[*c] += s * (r - scale * s);
+                squares[*c] += s * s;
+            }
+        }
+        let pull = |c: usize| 1.0 - (squares[c] / d.square).min(0.95);
+        let meat: f64 = (0..n).map(|c| sums[c] * sums[c] / pull(c)).sum();
+        (scale, d.square.max(meat).sqrt() / d.square)
     }
 
     /// Secant times residual by cluster: the sums, and their cosines. A cosine is bounded, so that a cluster with a large

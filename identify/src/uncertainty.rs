@@ -4,13 +4,18 @@ use model::integrate::SimulationError;
 use model::parameters::{COUNT, NAMES, index};
 use nalgebra::DMatrix;
 
-use crate::fit::Fit;
-use crate::identification::covariance_of;
-use crate::problem::Problem;
+use crate::fit::{Fit, covariance};
+use crate::problem::{Normal, Piece, Problem};
+use crate::sandwich::{sandwich, t_975};
 
-/// Covariance of a fit's entries, widened where the residuals are larger than the noise.
+/// Covariance of a fit's entries. Each variance is the larger of what the normal matrix says (widened where the residuals are
+/// larger than the noise) and of what the residuals' sums over clusters say, which feel colour.
 pub struct Uncertainty {
     covariance: DMatrix<f64>,
+    /// What the normal matrix alone says.
+    plain: DMatrix<f64>,
+    /// By entry: independent clusters that the variance rests on.
+    freedom: Vec<f64>,
     /// Plant parameters that are entries, in the layout's order.
     base: Vec<usize>,
     /// By plant parameter: d l4 / d parameter, eq. (16) being continuous.
@@ -20,13 +25,30 @@ pub struct Uncertainty {
 impl Uncertainty {
     /// Of a fit at its end. Costs one linearisation of the problem.
     pub fn of(problem: &Problem, fit: &Fit) -> Result<Self, SimulationError> {
+        let pieces = problem.linearise(&fit.layout, &fit.point)?;
+        let normal = problem.normal(&pieces, fit.layout.len(), &fit.point);
+        Ok(Self::of_linear(problem, fit, &pieces, &normal))
+    }
+
+    /// Of a fit that is linearised already.
+    pub fn of_linear(problem: &Problem, fit: &Fit, pieces: &[Piece], normal: &Normal) -> Self {
         let losses = fit.layout.parameters(&fit.point.theta).losses;
         let mut l4_slope = [0.0; COUNT];
         l4_slope[index::L1] = losses.a;
         l4_slope[index::L2] = 1.0;
         l4_slope[index::L3] = 1.0 / losses.a;
         l4_slope[index::A] = losses.l1 - losses.l3 / (losses.a * losses.a);
-        Ok(Uncertainty { covariance: covariance_of(problem, fit)?, base: fit.layout.base.clone(), l4_slope })
+        let misfit = (fit.cost / problem.targets() as f64).max(1.0);
+        let plain = covariance(&normal.matrix) * misfit;
+        let robust = sandwich(problem, fit, pieces, normal);
+        let wider: Vec<f64> = (0..fit.layout.len())
+            .map(|i| {
+                let ratio = robust.covariance[(i, i)] / plain[(i, i)];
+                if ratio > 1.0 && ratio.is_finite() { ratio.sqrt() } else { 1.0 }
+            })
+            .collect();
+        let covariance = DMatrix::from_fn(plain.nrows(), plain.ncols(), |i, j| plain[(i, j)] * wider[i] * wider[j]);
+        Uncertainty { covariance, plain, freedom: robust.freedom, base: fit.layout.base.clone(), l4_slope }
     }
 
     /// Standard error of an entry of the fit, not finite where the data say nothing of it.
@@ -61,6 +83,41 @@ impl Uncertainty {
         }
         let std = variance.sqrt();
         std.is_finite().then_some(std)
+    }
+
+    /// Degrees of freedom of a plant parameter's standard error: the independent clusters of data that it rests on. `None` as
+    /// for [`Self::of_parameter`].
+    pub fn freedom(&self, parameter: usize) -> Option<f64> {
+        let entry = |p: usize| self.base.iter().position(|&b| b == p).map(|i| self.freedom[i]);
+        match parameter {
+            index::L4 => [index::L1, index::L2, index::L3, index::A]
+                .into_iter()
+                .map(entry)
+                .try_fold(f64::INFINITY, |least, own| Some(least.min(own?))),
+            p => entry(p),
+        }
+    }
+
+    /// Half of a plant parameter's 95 % interval: Student's point for its degrees of freedom times its standard error.
+    pub fn half_interval(&self, parameter: usize) -> Option<f64> {
+        Some(t_975(self.freedom(parameter)?) * self.of_parameter(parameter)?)
+    }
+
+    /// By how much the standard error of a plant parameter that is an entry of the fit is larger than what independent
+    /// residuals would give: 1 where they are independent.
+    pub fn widening(&self, parameter: usize) -> Option<f64> {
+        let entry = self.base.iter().position(|&b| b == parameter)?;
+        let ratio = (self.covariance[(entry, entry)] / self.plain[(entry, entry)]).sqrt();
+        ratio.is_finite().then_some(ratio)
+    }
+
+    /// Correlation of the plant parameters that are determined, in the order of [`Self::determined`] without l4, which follows
+    /// from others: their positions, and the matrix row by row.
+    pub fn correlation(&self) -> (Vec<usize>, Vec<Vec<f64>>) {
+        let known: Vec<usize> = (0..self.base.len()).filter(|&i| self.of_entry(i).is_finite()).collect();
+        let of = |i: usize, j: usize| self.covariance[(i, j)] / (self.of_entry(i) * self.of_entry(j));
+        let rows = known.iter().map(|&i| known.iter().map(|&j| of(i, j).clamp(-1.0, 1.0)).collect()).collect();
+        (known.iter().map(|&i| self.base[i]).collect(), rows)
     }
 
     /// Every plant parameter that the data determine, with its standard error, in the order of [`NAMES`].

@@ -7,7 +7,7 @@ mod common;
 use std::path::Path;
 
 use common::{ANGLE_NOISE_DEG, PRESSURE_NOISE_BAR, dynamic, layout, problem};
-use identify::analysis::{Analysis, Depth, analyse, conclude};
+use identify::analysis::{Analysis, Depth, analyse, analyse_as, conclude};
 use identify::diagnose::{Added, Diagnosis, Ranked, Verdict};
 use identify::findings::{Candidate, Findings, ranking};
 use identify::fit::Fit;
@@ -17,6 +17,7 @@ use identify::model_file::model_file;
 use identify::predict::predict_rows;
 use identify::prepare::Channel;
 use identify::problem::Point;
+use identify::torque_form::TorqueForm;
 use identify::uncertainty::Uncertainty;
 use identify::validate::{ValidatedRun, prepare_validation, validate};
 use model::effects::empirical::EMPIRICAL;
@@ -243,12 +244,11 @@ fn the_model_file_simulates_the_same_bit_for_bit() {
     theta.push(0.01 / 3.0);
     let problem = problem(&[run]);
     let fit = Fit { point: problem.point(theta), layout, cost: 1.0, converged: true };
-    let std = vec![0.0; fit.layout.len()];
     let undetermined = [("h1".to_string(), "it does not show here".to_string())].into();
     let identified = Identified {
         problem,
         fit: fit.clone(),
-        std,
+        by_eq2: None,
         undetermined,
         component: truth,
         points: Characteristics::default(),
@@ -330,6 +330,65 @@ fn check_report(analysis: &Analysis) {
     }
 }
 
+/// The report for programs says what the tables say, and nothing that is no number.
+fn check_twin(analysis: &Analysis, file: &Path) {
+    let text = std::fs::read_to_string(file).unwrap();
+    let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(json["summary"].as_array().unwrap().len(), analysis.headline.len());
+    for p in json["parameters"].as_array().unwrap() {
+        let name = p["name"].as_str().unwrap();
+        let open = analysis.identified.undetermined.contains_key(name);
+        assert_eq!(open, !p["why"].is_null(), "{name}");
+        if let (Some(std), Some(value)) = (p["std"].as_f64(), p["value"].as_f64()) {
+            assert!(!open && std > 0.0, "{name}");
+            let (low, high) = (p["interval"][0].as_f64().unwrap(), p["interval"][1].as_f64().unwrap());
+            assert!(low < value - 1.95 * std && high > value + 1.95 * std, "{name}: {low} {value} {high}, {std}");
+        }
+    }
+    let names = json["correlation"]["names"].as_array().unwrap();
+    for (i, row) in json["correlation"]["matrix"].as_array().unwrap().iter().enumerate() {
+        assert_eq!(row.as_array().unwrap().len(), names.len());
+        assert!((row[i].as_f64().unwrap() - 1.0).abs() < 1e-9);
+    }
+    let rank = &json["rank"];
+    let open = rank["open"].as_array().unwrap();
+    assert_eq!(rank["rank"].as_u64().unwrap() as usize + open.len(), rank["parameters"].as_array().unwrap().len());
+    let of_a2 = |d: &serde_json::Value| d.as_array().unwrap().iter().any(|part| part[0] == "a2");
+    assert!(open.iter().any(of_a2), "a2 is told from h1 and h3 by no data: {rank}");
+    for check in json["checks"].as_array().unwrap() {
+        assert!(["holds", "fails", "open"].contains(&check["outcome"].as_str().unwrap()), "{check}");
+        assert!(!check["meaning"].as_str().unwrap().is_empty());
+    }
+    for w in json["residual_analysis"].as_array().unwrap() {
+        assert!(w["p_white"].as_f64().unwrap() > 1e-4, "nothing but noise is left: {}", w["channel"]);
+    }
+}
+
+#[test]
+fn the_third_order_of_the_torque_is_found_where_it_acts_and_refused_where_not() {
+    for (c1, asked_for) in [(-15.0, true), (0.0, false)] {
+        let truth = Parameters::example();
+        let effect = (c1 != 0.0).then(|| (find("torque_cubic").unwrap(), vec![c1, 0.0, 0.0]));
+        let dir = tempfile::tempdir().unwrap();
+        let runs = [
+            ("a.csv", Role::Identify, dynamic(&truth, effect.clone(), 20.0, 21)),
+            ("b.csv", Role::Identify, dynamic(&truth, effect.clone(), 20.0, 22)),
+            ("c.csv", Role::Validate, dynamic(&truth, effect, 12.0, 23)),
+        ];
+        let loaded = campaign(dir.path(), &runs);
+        let analysis = analyse_as(&loaded, Depth::Identification, TorqueForm::ThirdOrder, &|_| ()).unwrap();
+        check_report(&analysis);
+        let comparison = analysis.report.torque_form.as_ref().expect("it was asked for");
+        assert_eq!(comparison.is_asked_for(), asked_for, "{comparison:?}");
+        assert_eq!(comparison.validation.len(), 3);
+        let said = if asked_for { "the data ask for it" } else { "the data do not ask for it" };
+        assert!(analysis.headline.iter().any(|l| l.contains(said)), "{:?}", analysis.headline);
+        assert_eq!(analysis.model.effect[0].id, "torque_cubic");
+        let (value, std) = comparison.terms[0];
+        assert!(((value - c1) / std).abs() < 4.0, "{value} +- {std}, true {c1}");
+    }
+}
+
 #[test]
 fn a_campaign_without_component_experiments_says_what_it_leaves_open() {
     let dir = tempfile::tempdir().unwrap();
@@ -362,8 +421,9 @@ fn a_campaign_without_component_experiments_says_what_it_leaves_open() {
     }
     let out = dir.path().join("deep/analysis");
     let written = analysis.write(&out).unwrap();
-    assert_eq!(written, [out.join("model.toml")]);
-    assert_eq!(std::fs::read_dir(&out).unwrap().count(), 1, "nothing half-written stays");
+    assert_eq!(written, [out.join("model.toml"), out.join("report.json")]);
+    assert_eq!(std::fs::read_dir(&out).unwrap().count(), 2, "nothing half-written stays");
+    check_twin(&analysis, &written[1]);
     assert_eq!(ModelFile::read(&written[0]).unwrap(), analysis.model);
     let again = analyse(&loaded, Depth::Identification, &|_| ()).unwrap();
     assert_eq!(again.model.to_toml(), analysis.model.to_toml(), "the same recordings give the same bytes");
@@ -390,8 +450,8 @@ fn diagnosed(dir: &Path, verdict: Verdict, id: &str, values: &[f64]) -> Analysis
     d.effects.push(found);
     let identified = Identified {
         problem,
-        std: vec![0.0; fit.layout.len()],
         fit,
+        by_eq2: None,
         undetermined: Default::default(),
         component: truth,
         points: Characteristics::default(),
@@ -415,7 +475,7 @@ fn an_attributed_effect_is_in_the_model_the_findings_and_the_report() {
     assert!(shown("reference model") && shown("with pump_lag"));
 
     let out = dir.path().join("analysis");
-    assert_eq!(analysis.write(&out).unwrap(), [out.join("model.toml"), out.join("findings.json")]);
+    assert_eq!(analysis.write(&out).unwrap(), ["model.toml", "report.json", "findings.json"].map(|f| out.join(f)));
     assert_eq!(std::fs::read_to_string(out.join("findings.json")).unwrap(), findings.to_json());
     let error = analysis.write(&out.join("model.toml")).unwrap_err().to_string();
     assert!(error.contains("model.toml") && error.contains("--out"), "{error}");

@@ -45,6 +45,8 @@ pub enum SimulationError {
 pub struct Integrator {
     /// Longest inner step, s.
     longest_s: f64,
+    /// The same where the lever creeps, s: see [`Integrator::resolving_creep`].
+    creeping_s: f64,
 }
 
 /// What the integration of one plant remembers from one step to the next, so that a step that goes on where the last one
@@ -68,7 +70,7 @@ const MOST_SPLITS: usize = 6;
 impl Integrator {
     /// Inner steps of at most `longest_s` seconds.
     pub fn new(longest_s: f64) -> Self {
-        Integrator { longest_s }
+        Integrator { longest_s, creeping_s: longest_s }
     }
 
     /// Inner steps of at most `longest_s`, shorter where the plant near `x` is stiffer than such a step can follow:
@@ -104,7 +106,13 @@ impl Integrator {
             rate = rate.max(-(slope[i] - base[i]) / step);
         }
         let h = if rate > 0.0 { longest_s.min(share / rate) } else { longest_s };
-        Integrator { longest_s: h.max(longest_s / 10.0) }
+        Integrator::new(h.max(longest_s / 10.0))
+    }
+
+    /// With a quarter of the step while the lever moves slower than the losses' threshold: there a step of 1 ms is half of the losses'
+    /// time constant, and nearly all of the error comes from it.
+    pub fn resolving_creep(self) -> Self {
+        Integrator { creeping_s: 0.25 * self.longest_s, ..self }
     }
 
     /// Length of the longest inner step, s.
@@ -212,9 +220,15 @@ impl Integrator {
         for i in 0..steps as usize {
             now.t = t + i as f64 * h;
             let mut left = h;
-            for split in 0.. {
-                let (length, next) =
-                    if split < MOST_SPLITS { plant.smooth_piece(&now, left) } else { (left, plant.step(&now, left)) };
+            let mut splits = 0;
+            loop {
+                let reach = if plant.creeps(&now) { left.min(self.creeping_s) } else { left };
+                let (length, next) = if splits < MOST_SPLITS {
+                    plant.smooth_piece(&now, reach)
+                } else {
+                    (reach, plant.step(&now, reach))
+                };
+                splits += usize::from(length < reach);
                 // the slope of a piece's end may be that beyond a kink, by a hair
                 piece(now.t + 0.5 * length, length, &between(&now, &next, length, 0.5)[..x.len()]);
                 now = next;

@@ -200,6 +200,12 @@ fn pump_branches(delivers: bool, voltage_v: f64) -> u32 {
     u32::from(delivers) << 1 | u32::from(voltage_v > 0.0) << 2
 }
 
+/// On these branches the lever is free and slower than the losses' threshold: they have a time constant of 1..2 ms there.
+#[inline(always)]
+pub(crate) fn creeps(input: &Input, branches: u32) -> bool {
+    input.lever == Lever::Free && branches >> 3 == 0
+}
+
 /// [`Derived::branches`] without the derivative; `dx` is scratch.
 #[inline(always)]
 pub(crate) fn branches(input: &Input, k: &[f64], effects: &EffectSet<f64>, t: f64, x: &[f64], dx: &mut [f64]) -> u32 {

@@ -2,25 +2,56 @@
 
 use crate::effects::EffectSet;
 use crate::integrate::MOST_STATES;
-use crate::rec::{self, Input};
+use crate::rec::{self, Input, Lever};
 use crate::scalar::{LANES, Scalar, Tangent};
 
 /// Derivatives of the states with respect to chosen parameters, carried along a simulated trajectory.
 ///
-/// The variational equation S' = A S + B is taken once a step at its middle, with A and B from dual numbers, and advanced by
-/// its exponential: second order in the step, stable where the plant is.
+/// The variational equation S' = A S + B is taken at the middle of a step, with A and B from dual numbers, and advanced by
+/// its exponential: second order in the step, stable where the plant is. A and B change as slowly as the state does between kinks,
+/// so two steps in a row on one branch under one input share those of their middle, four where the lever is led.
 pub struct Sensitivity {
     states: usize,
     columns: usize,
     /// `states` rows of `columns` each.
     s: Vec<f64>,
-    rate: Vec<f64>,
+    next: Vec<f64>,
+    shared: Option<Shared>,
+    /// exp(A dt) and its integral times B, of what is shared.
+    transition: [[f64; MOST_STATES]; MOST_STATES],
+    drive: Vec<f64>,
+}
+
+/// Longest time over which A and B hold while the lever creeps, s.
+const CREEP_S: f64 = 1e-3;
+
+/// Under both inputs A and B are as good as the same.
+fn alike(a: &Input, b: &Input) -> bool {
+    const VOLTAGE: f64 = 0.01;
+    (a.voltage_v - b.voltage_v).abs() <= VOLTAGE * a.voltage_v.abs() && *a == Input { voltage_v: a.voltage_v, ..*b }
+}
+
+/// What A and B belong to.
+struct Shared {
+    input: Input,
+    dt: f64,
+    until_s: f64,
+    branches: u32,
 }
 
 impl Sensitivity {
     /// Starts at zero: `columns` columns, the first of which belong to the seeded parameters of [`Seeds`].
     pub fn new(states: usize, columns: usize) -> Self {
-        Sensitivity { states, columns, s: vec![0.0; states * columns], rate: vec![0.0; states * columns] }
+        let empty = vec![0.0; states * columns];
+        Sensitivity {
+            states,
+            columns,
+            s: empty.clone(),
+            next: empty.clone(),
+            shared: None,
+            transition: [[0.0; MOST_STATES]; MOST_STATES],
+            drive: empty,
+        }
     }
 
     /// d x_state / d column.
@@ -40,10 +71,54 @@ impl Sensitivity {
 
     /// Advances over `dt` (s), given the state in the step's middle and time `t` there.
     pub fn advance(&mut self, seeds: &Seeds, input: &Input, t: f64, dt: f64, middle: &[f64]) {
+        let branches = seeds.branches(input, t, middle);
+        let kept = self.shared.as_ref().is_some_and(|s| {
+            s.branches == branches && t < s.until_s && (s.dt - dt).abs() < 1e-9 * dt && alike(&s.input, input)
+        });
+        if !kept {
+            let steps = match input.lever {
+                // an effect may have kinks of its own, which nobody tells
+                _ if seeds.moved_by_effects() => 1.0,
+                // near zero velocity the losses are fast, and the steps short
+                _ if rec::creeps(input, branches) => (CREEP_S / dt + 1e-6).floor().clamp(1.0, 4.0),
+                Lever::Free => 2.0,
+                Lever::Led { .. } => 4.0,
+            };
+            let ahead_s = 0.5 * (steps - 1.0) * dt;
+            match seeds
+                .ahead(input, t, ahead_s, middle)
+                .filter(|x| steps > 1.0 && seeds.branches(input, t, x) == branches)
+            {
+                Some(x) => self.linearise(seeds, input, t + ahead_s, dt, &x[..middle.len()]),
+                None => self.linearise(seeds, input, t, dt, middle),
+            }
+            self.shared = Some(Shared { input: *input, dt, until_s: t + (steps - 0.5) * dt, branches });
+        }
+        let (n, m) = (self.states, self.columns);
+        self.next.copy_from_slice(&self.drive);
+        for i in 0..n {
+            let row = &mut self.next[i * m..(i + 1) * m];
+            for j in 0..n {
+                let f = self.transition[i][j];
+                if f != 0.0 {
+                    for (r, s) in row.iter_mut().zip(&self.s[j * m..(j + 1) * m]) {
+                        *r += f * s;
+                    }
+                }
+            }
+        }
+        std::mem::swap(&mut self.s, &mut self.next);
+    }
+
+    /// Transition and drive over `dt` from A and B at this state.
+    #[inline(never)]
+    fn linearise(&mut self, seeds: &Seeds, input: &Input, t: f64, dt: f64, middle: &[f64]) {
         let (n, m) = (self.states, self.columns);
         let mut a = [[0.0; MOST_STATES]; MOST_STATES];
         let mut x = [Tangent::constant(0.0); MOST_STATES];
         let mut dx = x;
+        // B; columns beyond the seeded ones (initial states) have none
+        self.next.fill(0.0);
         for (pass, pack) in seeds.packs.iter().enumerate() {
             for i in 0..n {
                 x[i] = Tangent::variable(middle[i], i);
@@ -53,31 +128,20 @@ impl Sensitivity {
                 if pass == 0 {
                     a[i][..n].copy_from_slice(&dx[i].slope[..n]);
                 }
-                let row = &mut self.rate[i * m + pack.first..];
+                let row = &mut self.next[i * m + pack.first..];
                 row[..pack.count].copy_from_slice(&dx[i].slope[n..n + pack.count]);
             }
         }
-        let seeded = seeds.columns();
-        // rate = B + A S; columns beyond the seeded ones (initial states) have no B
-        for i in 0..n {
-            let row = &mut self.rate[i * m..(i + 1) * m];
-            row[seeded..].fill(0.0);
-            for j in 0..n {
-                if a[i][j] != 0.0 {
-                    for (r, s) in row.iter_mut().zip(&self.s[j * m..(j + 1) * m]) {
-                        *r += a[i][j] * s;
-                    }
-                }
-            }
-        }
-        // S += phi rate, phi = dt (1 + A dt/2 + (A dt)^2/6 + ...)
+        // exp(A dt) = 1 + A phi, S(dt) = exp(A dt) S + phi B, phi = dt (1 + A dt/2 + (A dt)^2/6 + ...)
         let phi = exponential_integral(&a, n, dt);
+        self.drive.fill(0.0);
         for i in 0..n {
             for j in 0..n {
+                self.transition[i][j] = f64::from(u8::from(i == j)) + (0..n).map(|l| a[i][l] * phi[l][j]).sum::<f64>();
                 if phi[i][j] != 0.0 {
-                    let row = &mut self.s[i * m..(i + 1) * m];
-                    for (s, r) in row.iter_mut().zip(&self.rate[j * m..(j + 1) * m]) {
-                        *s += phi[i][j] * r;
+                    let row = &mut self.drive[i * m..(i + 1) * m];
+                    for (d, b) in row.iter_mut().zip(&self.next[j * m..(j + 1) * m]) {
+                        *d += phi[i][j] * b;
                     }
                 }
             }
@@ -121,6 +185,8 @@ fn exponential_integral(a: &[[f64; MOST_STATES]; MOST_STATES], n: usize, dt: f64
 /// Parameters as dual numbers, packed so that states and parameters of one pass fit into the lanes.
 pub struct Seeds {
     packs: Vec<Pack>,
+    /// The values alone, to tell branches.
+    values: Vec<f64>,
 }
 
 struct Pack {
@@ -148,9 +214,34 @@ impl Seeds {
             packs.push(Pack { first, count, k, effects });
             first += count;
             if first >= columns {
-                return Seeds { packs };
+                let values = packs.first().map(|p: &Pack| p.k.iter().map(|v| v.value).collect()).unwrap_or_default();
+                return Seeds { packs, values };
             }
         }
+    }
+
+    /// The state that the reference model goes on to within `ahead_s`, by its slope; `None` with states of effects.
+    fn ahead(&self, input: &Input, t: f64, ahead_s: f64, x: &[f64]) -> Option<[f64; MOST_STATES]> {
+        if x.len() != rec::STATES {
+            return None;
+        }
+        let mut dx = [0.0; MOST_STATES];
+        rec::derivative(input, &self.values, &EffectSet::none(), t, x, &mut dx[..x.len()]);
+        let mut out = [0.0; MOST_STATES];
+        for i in 0..x.len() {
+            out[i] = x[i] + ahead_s * dx[i];
+        }
+        Some(out)
+    }
+
+    /// There are effects, and not on the sensors alone.
+    fn moved_by_effects(&self) -> bool {
+        self.packs.iter().any(|p| !p.effects.leave_the_plant_alone())
+    }
+
+    /// Which branches of the reference model's piecewise equations hold in a state; effects on the voltage are left out.
+    fn branches(&self, input: &Input, t: f64, x: &[f64]) -> u32 {
+        rec::branches(input, &self.values, &EffectSet::none(), t, x, &mut [0.0; MOST_STATES])
     }
 
     /// Number of seeded columns.

@@ -54,6 +54,12 @@ impl<'a, const N: usize> Plant<'a, N> {
         }
     }
 
+    /// The lever is free and slower than the losses' threshold.
+    #[inline(always)]
+    pub fn creeps(&self, now: &At<N>) -> bool {
+        rec::creeps(self.input, now.branches)
+    }
+
     /// `x` at `t`, with its derivative.
     pub fn at(&mut self, t: f64, x: Lanes<N>) -> At<N> {
         let mut dx = [0.0; N];

@@ -3,9 +3,10 @@
 use crate::failure::{Failure, Kind};
 use crate::progress::Progress;
 use crate::report::{Report, render};
-use identify::analysis::{Analysis, Depth, WriteError, analyse, write_whole};
+use identify::analysis::{Analysis, Depth, WriteError, analyse_as, write_whole};
 use identify::figures::text::number;
 use identify::identification::{IdentifyError, Loaded};
+use identify::torque_form::TorqueForm;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -15,6 +16,17 @@ pub const REPORT_FILE: &str = "report.html";
 /// Analyses the campaign in `dir` and leaves the results in `out` (default: `dir/analysis`): bad input ends it before anything
 /// is computed or written. Says the results on stdout.
 pub fn analyse_folder(dir: &Path, out: Option<&Path>, depth: Depth, progress: &Progress) -> Result<Analysis, Failure> {
+    analyse_folder_as(dir, out, depth, TorqueForm::default(), progress)
+}
+
+/// As [`analyse_folder`], with this form of the torque.
+pub fn analyse_folder_as(
+    dir: &Path,
+    out: Option<&Path>,
+    depth: Depth,
+    form: TorqueForm,
+    progress: &Progress,
+) -> Result<Analysis, Failure> {
     let out = out.map_or_else(|| dir.join("analysis"), Path::to_owned);
     let step = progress.step("reading", 0);
     let loaded = Loaded::read(dir).map_err(|e| refused(&e))?;
@@ -23,7 +35,7 @@ pub fn analyse_folder(dir: &Path, out: Option<&Path>, depth: Depth, progress: &P
     let made = make(&out)?;
 
     let step = progress.step("analysis", 0);
-    let result = analyse(&loaded, depth, &|text| progress.say(text));
+    let result = analyse_as(&loaded, depth, form, &|text| progress.say(text));
     step.finish();
     let analysis = result.map_err(|e| {
         if made {
@@ -42,7 +54,7 @@ pub fn analyse_folder(dir: &Path, out: Option<&Path>, depth: Depth, progress: &P
     Ok(analysis)
 }
 
-/// Writes `model.toml`, `findings.json` (where there was a diagnosis) and `report.html`.
+/// Writes `model.toml`, `report.json`, `findings.json` (where there was a diagnosis) and `report.html`.
 fn leave(analysis: &Analysis, out: &Path) -> Result<Vec<PathBuf>, Failure> {
     let mut written = analysis.write(out).map_err(|e| unwritten(&e))?;
     let report = Report {

@@ -37,6 +37,7 @@ pub(super) fn refit_all(
             tolerance: 3e-4,
             hopeless_above: best * 1.5,
             patience: 2,
+            ..Effort::default()
         };
         if let Some(r) = refit(problem, bases, &added, effort) {
             let names: Vec<&str> = r.added.clone();

@@ -11,11 +11,12 @@ use model::effects::{Balance, Effect, LIBRARY};
 use model::integrate::SimulationError;
 
 use crate::fit::{Effort, Fit};
-use crate::identification::{Identified, covariance_of, standard_errors};
+use crate::identification::{Identified, covariance_of};
 use crate::misfit::{self, Part};
 use crate::problem::Problem;
 use crate::refit::{Bases, advantage};
 use crate::simplify::simplify;
+use crate::uncertainty::Uncertainty;
 use compare::{empirical, is_sound, on_the_whole, rank, refit_all, rivals, where_they_differ};
 use round::Round;
 
@@ -293,7 +294,8 @@ fn fill_values(problem: &Problem, fit: &Fit, added: &mut [Added]) -> Result<(), 
     if added.is_empty() {
         return Ok(());
     }
-    let std = standard_errors(problem, fit)?;
+    let uncertainty = Uncertainty::of(problem, fit)?;
+    let std: Vec<f64> = (0..fit.layout.len()).map(|i| uncertainty.of_entry(i)).collect();
     for a in added {
         let id = a.effect.header().id;
         if let Some(n) = fit.layout.effects.iter().position(|e| e.header().id == id) {

@@ -3,7 +3,7 @@
 use crate::diagnose::{Diagnosis, Verdict};
 use crate::figure::Table;
 use crate::figures::text::{chance, interval, measured, number};
-use crate::figures::{Subject, section};
+use crate::figures::{Subject, section, summary};
 use crate::findings::{is_held, ranking};
 
 pub(super) fn headline(subject: &Subject) -> Vec<String> {
@@ -12,6 +12,10 @@ pub(super) fn headline(subject: &Subject) -> Vec<String> {
         Some(d) => verdict(d),
     }];
     out.extend(errors(subject));
+    out.push(summary::parameters(subject));
+    out.push(summary::checks(subject));
+    out.extend(summary::torque_form(subject));
+    out.extend(summary::corruption(subject));
     if let Some(d) = subject.diagnosis {
         if let Some(next) = &d.next_experiment {
             out.push(format!("Next experiment: {next}."));
@@ -97,7 +101,7 @@ fn effects(d: &Diagnosis) -> Table {
                 p.name.to_string(),
                 measured(value, std),
                 if held { "not needed".into() } else { number(std, 2) },
-                if held { String::new() } else { interval(value, std) },
+                if held { String::new() } else { interval(value, std, 1.96 * std) },
                 p.unit.to_string(),
             ]);
         }

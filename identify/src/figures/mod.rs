@@ -7,16 +7,22 @@ mod parameters;
 mod plant;
 mod ports;
 mod residual;
+mod summary;
 pub mod text;
+pub mod torque_form;
 mod validation;
 mod volume;
+mod whiteness;
 
+use crate::consistency::Check;
 use crate::diagnose::{Diagnosis, Verdict};
 use crate::figure::{Figure, Mark, Series, Table};
 use crate::fit::Fit;
 use crate::identification::{Identified, Loaded};
+use crate::rank::Rank;
 use crate::uncertainty::Uncertainty;
 use crate::validate::ValidatedRun;
+use crate::whiteness::Whiteness;
 
 /// Sections of the report, in the order in which they should be read.
 pub mod section {
@@ -44,6 +50,14 @@ pub struct Subject<'a> {
     pub uncertainty_after: Option<&'a Uncertainty>,
     /// The validation runs.
     pub validation: &'a [ValidatedRun],
+    /// The validation runs with the torque as eq. (2) alone, where the model has its third order.
+    pub by_eq2: Option<&'a [ValidatedRun]>,
+    /// Checks of the reference model's physics.
+    pub checks: &'a [Check],
+    /// What the data determine.
+    pub rank: &'a Rank,
+    /// What the last model leaves of the validation runs.
+    pub whiteness: &'a [Whiteness],
 }
 
 impl Subject<'_> {
@@ -73,6 +87,7 @@ impl Subject<'_> {
 pub fn figures(subject: &Subject) -> Vec<Figure> {
     let mut out = validation::figures(subject);
     out.extend(residual::figures(subject));
+    out.extend(whiteness::figures(subject));
     out.extend(ports::figures(subject));
     out.extend(characteristics::figures(subject));
     out.extend(volume::figures(subject));
@@ -86,7 +101,9 @@ pub fn tables(subject: &Subject) -> Vec<Table> {
     let mut out = findings::tables(subject);
     out.extend(validation::tables(subject));
     out.extend(residual::tables(subject));
+    out.extend(whiteness::tables(subject));
     out.extend(parameters::tables(subject));
+    out.extend(torque_form::tables(subject));
     out.extend(consistency::tables(subject));
     out.retain(|t| !t.rows.is_empty());
     out

@@ -30,9 +30,8 @@ pub fn chance(p: f64) -> String {
     if p >= 0.01 { format!("{p:.2}") } else { number(p, 1) }
 }
 
-/// 95 % interval of a normal distribution.
-pub fn interval(value: f64, std: f64) -> String {
-    let half = 1.96 * std;
+/// A 95 % interval, `half` to either side, as exactly as the standard error allows.
+pub fn interval(value: f64, std: f64, half: f64) -> String {
     if half.is_finite() {
         format!("{} .. {}", measured(value - half, std), measured(value + half, std))
     } else {
@@ -58,7 +57,7 @@ mod tests {
         assert_eq!(measured(6.81234, 0.0123), "6.812");
         assert_eq!(measured(0.00812, 0.0123), "0.0081");
         assert_eq!(measured(100.0, f64::INFINITY), "100.0");
-        assert_eq!(interval(1.0, 0.1), "0.80 .. 1.20");
+        assert_eq!(interval(1.0, 0.1, 0.196), "0.80 .. 1.20");
         assert_eq!(chance(0.0005), "0.0005");
         assert_eq!(run_name("square_h.csv.gz"), "square_h");
     }

@@ -2,12 +2,33 @@
 
 use recordings::Recording;
 
+use super::rows::segments;
+
+/// Longest time before and behind a sample over which the angle of a led lever is averaged, s.
+const LED_S: f64 = 0.05;
+
+/// The same with an angle that the encoder's noise and steps hardly enter: the led lever is slow, and its angle is an input.
+pub(super) fn led_angle(r: &Recording) -> Recording {
+    let mut out = r.clone();
+    for (first, end) in segments(r) {
+        let smooth = smoothed(&filled(&r.angle_deg[first..end]), &r.time_s[first..end], LED_S);
+        out.angle_deg[first..end].copy_from_slice(&smooth);
+    }
+    out
+}
+
+/// Row `i` of the clamp-steps protocol lies behind a release: the segment's cylinder was read by then.
+pub(super) fn rests(r: &Recording, i: usize) -> bool {
+    let same = (0..=i).rev().take_while(|&j| r.segment[j] == r.segment[i]);
+    same.into_iter().any(|j| r.volume_ml[j].is_finite())
+}
+
 /// A pressure of the clamp-steps protocol as an input: smoothed at rest, straight during a release (where the volume is
 /// empty): the oil that leaves depends on where the pressure ends, not on the way.
 pub(super) fn drained_pressure(r: &Recording, values: &[f64], first: usize, end: usize) -> Vec<f64> {
     let time = &r.time_s[first..end];
     let mut out = filled(&values[first..end]);
-    let resting: Vec<bool> = (first..end).map(|i| r.volume_ml[i].is_finite()).collect();
+    let resting: Vec<bool> = (first..end).map(|i| rests(r, i)).collect();
     let n = out.len();
     let mut i = 0;
     while i < n {

@@ -7,7 +7,7 @@ mod stretch;
 use recordings::{Plane, Protocol, Recording};
 
 use crate::noise::{mean, white_std};
-use inputs::{drained_pressure, filled, smoothed};
+use inputs::{drained_pressure, filled, led_angle, rests, smoothed};
 use rows::{block_starts, dwells, fillings, rest_rows, slow, thinned};
 
 pub use rows::segments;
@@ -32,7 +32,8 @@ pub fn stretches(
     recording: &Recording,
 ) -> Result<Vec<Stretch>, Unusable> {
     let unusable = |why: String| Unusable { file: file.to_string(), why };
-    let r = if slow(protocol) { thinned(recording, 0.01) } else { recording.clone() };
+    let led = (protocol == Protocol::VolumeMap).then(|| led_angle(recording));
+    let r = if slow(protocol) { thinned(led.as_ref().unwrap_or(recording), 0.01) } else { recording.clone() };
     if r.len() < 20 {
         return Err(unusable(format!("expected at least 20 rows, got {}", r.len())));
     }
@@ -141,7 +142,9 @@ pub fn stretches(
                     s.blocks.push(a - first);
                 }
                 s.measured[Channel::Volume as usize] = volume;
-                s.measured[Channel::Torque as usize] = r.torque_nm[first..end].to_vec();
+                // while oil is released the pressures are not known well enough for the torque
+                let torque = (first..end).map(|i| if rests(&r, i) { r.torque_nm[i] } else { f64::NAN });
+                s.measured[Channel::Torque as usize] = torque.collect();
                 out.push(s.finish());
             }
         }

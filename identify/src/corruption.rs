@@ -1,0 +1,265 @@
+//! Samples that no sensor can mean: spikes, dropouts, a value that stands still. They are found from the signal alone, before any
+//! model is asked, so that what a model can't explain is never taken for corruption, and become missing values.
+//!
+//! | kind | found by |
+//! |---|---|
+//! | spike, short burst | far from the median of the samples around it, in units of the noise and of the scatter there (Hampel's filter). An edge of the signal, however steep, is its own median, and an oscillation scatters |
+//! | value that stands still | equal to the last bit for longer than chance explains; on a sensor with coarse steps: and then a jump that the motion behind it does not explain. Dropouts to a constant are found likewise |
+//! | reading of the cylinder | far from the straight line of its segment (pump map), from the segment's median (clamp steps) |
+
+use recordings::{Protocol, Recording};
+
+use crate::noise::{median, step, white_std};
+use crate::prepare::{Channel, segments};
+
+/// Half of a spike's window, s, and in samples.
+const WINDOW_S: f64 = 5e-3;
+const WINDOW: std::ops::RangeInclusive<usize> = 3..=5;
+/// A spike is this many noises and this many local scatters off.
+const NOISES: f64 = 8.0;
+const SCATTERS: f64 = 5.0;
+/// Expected number of chance repetitions in a run below which equal values are a sensor that stands still.
+const BY_CHANCE: f64 = 1e-3;
+/// Standard deviation of a normal distribution over its median deviation.
+const OF_MEDIAN: f64 = 1.4826;
+
+/// What was taken out of one run, by [`Channel`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Corruption {
+    /// Spikes, short bursts, readings far off.
+    pub spikes: [usize; 5],
+    /// Samples of a value that stood still.
+    pub still: [usize; 5],
+}
+
+impl Corruption {
+    /// Samples of this channel.
+    pub fn of(&self, channel: Channel) -> usize {
+        self.spikes[channel as usize] + self.still[channel as usize]
+    }
+}
+
+/// Makes corrupted samples missing ones (`NaN`).
+pub fn clean(r: &mut Recording, protocol: Protocol) -> Corruption {
+    let mut found = Corruption::default();
+    let spacing_s = match r.len() {
+        0 | 1 => return found,
+        n => (r.time_s[n - 1] - r.time_s[0]) / (n - 1) as f64,
+    };
+    let half = ((WINDOW_S / spacing_s).round() as usize).clamp(*WINDOW.start(), *WINDOW.end());
+    let segment = &r.segment;
+    for (channel, values) in [
+        (Channel::Angle, &mut r.angle_deg),
+        (Channel::Pressure1, &mut r.pressure1_bar),
+        (Channel::Pressure2, &mut r.pressure2_bar),
+        (Channel::Torque, &mut r.torque_nm),
+    ] {
+        let still = standing_still(values, segment);
+        found.still[channel as usize] = take_out(values, still);
+        let spikes = spikes(values, half);
+        found.spikes[channel as usize] = take_out(values, spikes);
+    }
+    let readings = match protocol {
+        Protocol::PumpMap => off_the_line(r),
+        Protocol::ClampSteps => off_the_median(r),
+        _ => Vec::new(),
+    };
+    found.spikes[Channel::Volume as usize] = take_out(&mut r.volume_ml, readings);
+    found
+}
+
+fn take_out(values: &mut [f64], rows: Vec<usize>) -> usize {
+    rows.iter().for_each(|&i| values[i] = f64::NAN);
+    rows.len()
+}
+
+/// Rows of the values that are there.
+fn present(values: &[f64]) -> Vec<usize> {
+    (0..values.len()).filter(|&i| values[i].is_finite()).collect()
+}
+
+fn spikes(values: &[f64], half: usize) -> Vec<usize> {
+    let rows = present(values);
+    let Some(noise) = white_std(values).map(|s| s.max(coarse(values, s))) else { return Vec::new() };
+    let mut out = Vec::new();
+    let mut window = Vec::with_capacity(2 * half + 1);
+    for n in 0..rows.len() {
+        // at an end the window leans inwards
+        let first = n.saturating_sub(half).min(rows.len().saturating_sub(2 * half + 1));
+        let end = (first + 2 * half + 1).min(rows.len());
+        let x = values[rows[n]];
+        // cheap first: hardly a sample is far from its neighbour
+        let beside = values[rows[if n > first { n - 1 } else { n + 1 }.min(rows.len() - 1)]];
+        let beyond = values[rows[if n + 1 < end { n + 1 } else { n.saturating_sub(1) }]];
+        if (x - beside).abs() <= NOISES * noise
+            && (x - beyond).abs() <= NOISES * noise
+            && !out.last().is_some_and(|l| n > 0 && *l == rows[n - 1])
+        {
+            continue;
+        }
+        window.clear();
+        window.extend(rows[first..end].iter().map(|&i| values[i]));
+        let middle = median(&mut window);
+        window.iter_mut().for_each(|v| *v = (*v - middle).abs());
+        let scatter = OF_MEDIAN * median(&mut window);
+        if (x - middle).abs() > NOISES * noise + SCATTERS * scatter {
+            out.push(rows[n]);
+        }
+    }
+    out
+}
+
+/// The step of a sensor whose noise does not dither it, else 0.
+fn coarse(values: &[f64], noise: f64) -> f64 {
+    let step = step(values);
+    if noise < 2.0 * step { step } else { 0.0 }
+}
+
+fn standing_still(values: &[f64], segment: &[i64]) -> Vec<usize> {
+    let rows = present(values);
+    if rows.len() < 20 {
+        return Vec::new();
+    }
+    let noise = white_std(values).unwrap_or(0.0);
+    let coarse = coarse(values, noise);
+    let equal = rows.windows(2).filter(|w| values[w[0]] == values[w[1]]).count();
+    let chance = equal as f64 / rows.len() as f64;
+    // a channel that never changes has no noise to judge by
+    if chance > 0.9 {
+        return Vec::new();
+    }
+    let longest = 1.0 + ((BY_CHANCE / rows.len() as f64).ln() / chance.max(1e-9).ln()).max(3.0);
+    let mut out = Vec::new();
+    let mut first = 0;
+    for n in 1..=rows.len() {
+        if n < rows.len() && values[rows[n]] == values[rows[first]] {
+            continue;
+        }
+        let length = n - first;
+        let stands = if coarse == 0.0 {
+            length as f64 > longest
+        } else if length >= 3 && n + 6 < rows.len() && segment[rows[n]] == segment[rows[n - 1]] {
+            // between segments things happen that nobody recorded
+            let jump = (values[rows[n]] - values[rows[n - 1]]).abs();
+            let mut moves: Vec<f64> = (n..n + 5).map(|i| (values[rows[i + 1]] - values[rows[i]]).abs()).collect();
+            jump > NOISES * noise.max(coarse) + SCATTERS * median(&mut moves)
+        } else {
+            false
+        };
+        if stands {
+            out.extend_from_slice(&rows[first..n]);
+        }
+        first = n;
+    }
+    out
+}
+
+/// Readings of the pump map far from the straight line of their segment.
+fn off_the_line(r: &Recording) -> Vec<usize> {
+    let mut all: Vec<(usize, f64)> = Vec::new();
+    for (first, end) in segments(r) {
+        let rows: Vec<usize> = (first..end).filter(|&i| r.volume_ml[i].is_finite()).collect();
+        if rows.len() < 6 {
+            continue;
+        }
+        // Siegel's repeated medians: half of the readings may be wrong
+        let some: Vec<usize> = rows.iter().copied().step_by(rows.len().div_ceil(40)).collect();
+        let mut slopes: Vec<f64> = some
+            .iter()
+            .map(|&i| {
+                let to = some.iter().filter(|&&j| j != i);
+                median(
+                    &mut to
+                        .map(|&j| (r.volume_ml[j] - r.volume_ml[i]) / (r.time_s[j] - r.time_s[i]))
+                        .collect::<Vec<_>>(),
+                )
+            })
+            .collect();
+        let slope = median(&mut slopes);
+        let at = |i: usize| r.volume_ml[i] - slope * r.time_s[i];
+        let level = median(&mut some.iter().map(|&i| at(i)).collect::<Vec<_>>());
+        all.extend(rows.iter().map(|&i| (i, (at(i) - level).abs())));
+    }
+    let scatter = OF_MEDIAN * median(&mut all.iter().map(|a| a.1).collect::<Vec<_>>());
+    all.into_iter().filter(|(_, off)| *off > NOISES * scatter).map(|(i, _)| i).collect()
+}
+
+/// Readings of the clamp steps that differ from those of the same rest.
+fn off_the_median(r: &Recording) -> Vec<usize> {
+    let mut out = Vec::new();
+    for (first, end) in segments(r) {
+        let rows: Vec<usize> = (first..end).filter(|&i| r.volume_ml[i].is_finite()).collect();
+        let level = median(&mut rows.iter().map(|&i| r.volume_ml[i]).collect::<Vec<_>>());
+        let off = |i: usize| (r.volume_ml[i] - level).abs();
+        let scatter = OF_MEDIAN * median(&mut rows.iter().map(|&i| off(i)).collect::<Vec<_>>());
+        out.extend(rows.iter().copied().filter(|&i| off(i) > NOISES * scatter));
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// An oscillation of 12 Hz, edges of 30 ms, rests; noise 0.006, steps of a sensor where asked for.
+    fn signal(rows: usize, rate_hz: f64, step: f64, seed: u64) -> Vec<f64> {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        (0..rows)
+            .map(|i| {
+                let t = i as f64 / rate_hz;
+                let part = t.rem_euclid(2.0);
+                let rise = ((part - 0.5) / 0.03).clamp(0.0, 1.0);
+                let fall = ((2.0 - part) / 0.03).clamp(0.0, 1.0);
+                let y = 3.0 + rise * fall * (1.0 + (-part * 3.0).exp() * (part * 75.0).sin());
+                let noise: f64 = StandardNormal.sample(&mut rng);
+                let y: f64 = y + 0.006 * noise;
+                if step > 0.0 { (y / step).round() * step } else { y }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_clean_signal_loses_nothing() {
+        for (rate_hz, step) in [(1000.0, 0.0), (1000.0, 0.02), (1000.0, 0.1), (500.0, 0.02), (200.0, 0.0)] {
+            for seed in 0..5 {
+                let values = signal(30_000, rate_hz, step, seed);
+                assert_eq!(standing_still(&values, &vec![0; values.len()]).len(), 0, "{rate_hz} Hz, steps of {step}");
+                let half = if rate_hz > 500.0 { 5 } else { 3 };
+                assert_eq!(spikes(&values, half).len(), 0, "{rate_hz} Hz, steps of {step}");
+            }
+        }
+    }
+
+    #[test]
+    fn spikes_dropouts_and_a_value_that_stands_still_are_found() {
+        for step in [0.0, 0.02] {
+            let clean = signal(30_000, 1000.0, step, 7);
+            let mut rng = ChaCha8Rng::seed_from_u64(8);
+            let mut values = clean.clone();
+            for _ in 0..150 {
+                values[rng.random_range(0..30_000)] += if rng.random::<bool>() { 0.5 } else { -2.0 };
+            }
+            for _ in 0..10 {
+                let at = rng.random_range(0..29_900);
+                values[at..at + 20].fill(0.0);
+                let at = rng.random_range(1..29_900);
+                let held = values[at - 1];
+                values[at..at + 30].fill(held);
+            }
+            let corrupted: Vec<usize> =
+                (0..30_000).filter(|&i| (values[i] - clean[i]).abs() > 0.1 + 20.0 * step).collect();
+            let still = standing_still(&values, &vec![0; values.len()]);
+            take_out(&mut values, still);
+            let spikes = spikes(&values, 5);
+            take_out(&mut values, spikes);
+            let missed = corrupted.iter().filter(|&&i| values[i].is_finite()).count();
+            assert!(missed <= 4, "{missed} of {} with steps of {step}", corrupted.len());
+            let lost = values.iter().filter(|v| v.is_nan()).count();
+            // at rest a coarse sensor stands still anyway: losing some of that costs nothing
+            assert!(lost < corrupted.len() + 1500, "{lost} for {}", corrupted.len());
+        }
+    }
+}

@@ -1,0 +1,58 @@
+//! The lines that a person reads first.
+
+use model::parameters::NAMES;
+
+use crate::consistency::Outcome;
+use crate::figures::Subject;
+use crate::figures::text::number;
+use crate::figures::torque_form::Comparison;
+use crate::layout::FREE;
+
+/// How many parameters are known, and the least certain.
+pub(super) fn parameters(subject: &Subject) -> String {
+    let fit = &subject.identified.fit;
+    let values = fit.layout.parameters(&fit.point.theta).to_vector();
+    let share = |p: usize| subject.uncertainty.of_parameter(p).map(|std| std / values[p].abs().max(1e-12));
+    let known: Vec<(f64, usize)> = FREE.iter().filter_map(|&p| Some((share(p)?, p))).collect();
+    let worst = known.iter().max_by(|a, b| a.0.total_cmp(&b.0));
+    let least = worst
+        .map_or(String::new(), |(s, p)| format!("; the least certain is {}, to {} %", NAMES[*p], number(100.0 * s, 2)));
+    format!("{} of {} base parameters are determined{least} (standard error).", known.len(), FREE.len())
+}
+
+/// How many checks hold, and those that fail.
+pub(super) fn checks(subject: &Subject) -> String {
+    let count = |o: Outcome| subject.checks.iter().filter(|c| c.outcome == o).count();
+    let mut failed: Vec<&str> =
+        subject.checks.iter().filter(|c| c.outcome == Outcome::Fails).map(|c| c.what.as_str()).collect();
+    let more = failed.len().saturating_sub(MOST);
+    failed.truncate(MOST);
+    let (holds, fails, open) = (count(Outcome::Holds), count(Outcome::Fails), count(Outcome::Open));
+    let named = if failed.is_empty() { String::new() } else { format!(" Failed: {}", failed.join("; ")) };
+    let rest = if more > 0 { format!("; and {more} more") } else { String::new() };
+    let end = if failed.is_empty() { "" } else { "." };
+    format!(
+        "Consistency checks: {holds} hold, {fails} fail, {open} can't be judged by this campaign.{named}{rest}{end}"
+    )
+}
+
+/// Most failed checks that are named.
+const MOST: usize = 4;
+
+/// Which form of the torque the data ask for.
+pub(super) fn torque_form(subject: &Subject) -> Option<String> {
+    let c = Comparison::of(subject)?;
+    Some(format!(
+        "Torque of third order after eq. (1): {} ({} standard errors better than eq. (2)).",
+        if c.is_asked_for() { "the data ask for it" } else { "the data do not ask for it" },
+        number(c.standard_errors, 2)
+    ))
+}
+
+/// Samples that were passed over.
+pub(super) fn corruption(subject: &Subject) -> Option<String> {
+    let of = |r: &crate::loaded::LoadedRun| -> usize { r.corruption.spikes.iter().chain(&r.corruption.still).sum() };
+    let all: usize = subject.loaded.runs.iter().map(of).sum();
+    let runs = subject.loaded.runs.iter().filter(|r| of(r) > 0).count();
+    (all > 0).then(|| format!("{all} corrupted samples in {runs} runs were passed over."))
+}
