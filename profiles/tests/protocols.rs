@@ -119,9 +119,9 @@ fn torque_map_visits_nine_angles_with_six_voltages_each() {
         assert!(moved.iter().all(|r| r.step.bypass_open && voltage(r) == 0.0));
         assert!(moved.iter().all(|r| matches!(r.step.fixture, Fixture::Driven { .. })));
         let volts: Vec<f64> = held.iter().map(|s| (voltage(&s[0]) * 1000.0).round() / 1000.0).collect();
-        assert_eq!(volts, [-2.016, -1.632, -1.248, 1.248, 1.632, 2.016]);
+        assert_eq!(volts, [-2.4, -1.824, -1.248, 1.248, 1.824, 2.4]);
         for segment in held {
-            assert!((5000..=8000).contains(&segment.len()), "{} ticks", segment.len());
+            assert!((3000..=8000).contains(&segment.len()), "{} ticks", segment.len());
             let clamped = Fixture::Clamped { angle_deg: f64::from(angle) };
             assert!(segment.iter().all(|r| r.step.fixture == clamped && !r.step.bypass_open && r.step.brake_open));
             let end = segment[segment.len() - 1].measured;
@@ -146,7 +146,7 @@ fn volume_map_fills_then_sweeps_both_ways_in_one_segment() {
         let angles: Vec<f64> = swept.iter().map(|r| r.measured.angle_deg).collect();
         let (first, last) = (angles[0], angles[angles.len() - 1]);
         let (low, high) = angles.iter().fold((first, first), |(l, h), &a| (l.min(a), h.max(a)));
-        assert!(high - first > 2.0 && first - low > 2.0, "a sweep of {low}..{high} from {first}");
+        assert!(high - first > 3.0 && first - low > 3.0, "a sweep of {low}..{high} from {first}");
         assert!((last - first).abs() < 0.01, "not back at the start");
         let fastest = angles.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max);
         assert!(fastest < 1.5e-3, "{fastest} deg a tick is no slow sweep");
