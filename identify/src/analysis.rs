@@ -116,17 +116,24 @@ pub fn analyse_as(
 pub fn conclude(
     loaded: &Loaded,
     prepared: Vec<Prepared>,
-    identified: Identified,
+    mut identified: Identified,
     diagnosis: Option<Diagnosis>,
 ) -> Result<Analysis, SimulationError> {
     let verdict = diagnosis.as_ref().map(|d| d.verdict);
     let changed = diagnosis.as_ref().filter(|d| d.verdict != Verdict::None);
+    let linear = identified.linear.take();
     let problem = &identified.problem;
-    let scene = Scene::new(problem, &identified.fit)?;
+    let scene = match linear {
+        Some(pieces) => {
+            let normal = problem.normal(&pieces, identified.fit.layout.len(), &identified.fit.point);
+            Scene::of(problem, &identified.fit, pieces, normal)
+        }
+        None => Scene::new(problem, &identified.fit)?,
+    };
     let uncertainty = Uncertainty::of_linear(problem, &identified.fit, &scene.pieces, &scene.normal);
     let (rank, checks) = {
         let material = Material { loaded, identified: &identified, uncertainty: &uncertainty, scene: &scene };
-        let (rank, checks) = rayon::join(|| rank(problem, &identified.fit), || checks(&material));
+        let (rank, checks) = rayon::join(|| rank(problem, &identified.fit, &scene.normal), || checks(&material));
         (rank?, checks)
     };
     drop(scene);

@@ -4,6 +4,7 @@
 use std::f64::consts::PI;
 
 use model::Parameters;
+use model::parameters::Capacity;
 use nalgebra::{DMatrix, DVector};
 use recordings::Recording;
 
@@ -205,6 +206,34 @@ pub fn fit_capacity(stretches: &[&Stretch], p: &mut Parameters) -> bool {
     best.is_finite()
 }
 
+/// Capacity (13) in the paper's two steps (4.2), from its points: over the pressure alone at the angle nearest to 0, then what
+/// every angle scales that by, exponentially. `None` without three pressures there and another angle.
+pub fn capacity_in_two_steps(points: &[CapacityPoint]) -> Option<Capacity> {
+    let middle = points.iter().map(|p| p.angle_deg).min_by(|a, b| a.abs().total_cmp(&b.abs()))?;
+    let here: Vec<&CapacityPoint> = points.iter().filter(|p| (p.angle_deg - middle).abs() < SAME_ANGLE_DEG).collect();
+    let mut best: Option<(f64, [f64; 3])> = None;
+    for i in 0..=140 {
+        let h2 = -4.0 + 0.025 * f64::from(i);
+        let rows = here.iter().map(|p| (vec![p.pressure_bar.powf(h2), 1.0], p.capacity_ml_bar));
+        if let Some((x, sse)) = linear(rows).filter(|_| here.len() > 2)
+            && x[0] > 0.0
+            && best.is_none_or(|(least, _)| sse < least)
+        {
+            best = Some((sse, [x[0], h2, x[1]]));
+        }
+    }
+    let (_, [h1, h2, h3]) = best?;
+    let rows = points.iter().map(|p| {
+        let scaled = p.capacity_ml_bar / (h1 * p.pressure_bar.powf(h2) + h3);
+        (vec![-p.angle_deg, -1.0], scaled.ln())
+    });
+    let (x, _) = linear(rows)?;
+    Some(Capacity { h1, h2, h3, a1: x[0], a2: x[1] })
+}
+
+/// Clamped angles that are one, degrees.
+const SAME_ANGLE_DEG: f64 = 2.0;
+
 /// Displacement (14) from the volume map: what the capacity must take up while the lever sweeps.
 pub fn fit_displacement(stretches: &[&Stretch], p: &mut Parameters) -> bool {
     let c = p.capacity;
@@ -282,4 +311,26 @@ fn linear(rows: impl Iterator<Item = (Vec<f64>, f64)>) -> Option<(Vec<f64>, f64)
     let x: Vec<f64> = (0..n).map(|j| x[j] / scale[j]).collect();
     let sse = (a * DVector::from_vec(x.clone()) - b).norm_squared();
     Some((x, sse))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_paper_s_two_steps_give_the_capacity_that_made_the_points() {
+        let capacity = Capacity { h1: 7.6, h2: -1.5, h3: 0.9, a1: 0.008, a2: 0.0 };
+        let point = |angle_deg: f64, pressure_bar: f64| CapacityPoint {
+            angle_deg,
+            pressure_bar,
+            capacity_ml_bar: (-capacity.a1 * angle_deg).exp()
+                * (capacity.h1 * pressure_bar.powf(capacity.h2) + capacity.h3),
+        };
+        let points: Vec<CapacityPoint> =
+            (-4..=4).flat_map(|n| (4..11).map(move |p| point(10.0 * f64::from(n), 0.5 * f64::from(p)))).collect();
+        let found = capacity_in_two_steps(&points).unwrap();
+        assert!((found.h1 - 7.6).abs() < 1e-9 && (found.h3 - 0.9).abs() < 1e-9, "{found:?}");
+        assert!((found.a1 - 0.008).abs() < 1e-12 && found.a2.abs() < 1e-9, "{found:?}");
+        assert!(capacity_in_two_steps(&points[..2]).is_none());
+    }
 }

@@ -4,7 +4,7 @@
 //! | kind | found by |
 //! |---|---|
 //! | spike, short burst | far from the median of the samples around it, in units of the noise and of the scatter there (Hampel's filter). An edge of the signal, however steep, is its own median, and an oscillation scatters |
-//! | value that stands still | equal to the last bit for longer than chance explains; on a sensor with coarse steps: and then a jump that the motion behind it does not explain. Dropouts to a constant are found likewise |
+//! | value that stands still | equal to the last bit for longer than chance explains; on a sensor with coarse steps: while it moves before and behind, or beside a jump that the motion beyond it does not explain, for longer than chance explains there. Dropouts to a constant are found likewise, by their jumps at both ends |
 //! | reading of the cylinder | far from the straight line of its segment (pump map), from the segment's median (clamp steps) |
 
 use recordings::{Protocol, Recording};
@@ -18,6 +18,9 @@ const WINDOW: std::ops::RangeInclusive<usize> = 3..=5;
 /// A spike is this many noises and this many local scatters off.
 const NOISES: f64 = 8.0;
 const SCATTERS: f64 = 5.0;
+/// A moving sensor with coarse steps that shows one value has moved on by a step and this many noises at most: both ends of such a
+/// succession would have to be three noises off, each to its side, and all between them where they must be.
+const STILL_NOISES: f64 = 6.0;
 /// Expected number of chance repetitions in a run below which equal values are a sensor that stands still.
 const BY_CHANCE: f64 = 1e-3;
 /// Standard deviation of a normal distribution over its median deviation.
@@ -83,7 +86,8 @@ fn spikes(values: &[f64], half: usize) -> Vec<usize> {
     let Some(noise) = white_std(values).map(|s| s.max(coarse(values, s))) else { return Vec::new() };
     let mut out = Vec::new();
     let mut window = Vec::with_capacity(2 * half + 1);
-    for n in 0..rows.len() {
+    // the first and the last sample have neighbours on one side only: what steps there can't be told from a spike
+    for n in 1..rows.len().saturating_sub(1) {
         // at an end the window leans inwards
         let first = n.saturating_sub(half).min(rows.len().saturating_sub(2 * half + 1));
         let end = (first + 2 * half + 1).min(rows.len());
@@ -128,30 +132,75 @@ fn standing_still(values: &[f64], segment: &[i64]) -> Vec<usize> {
     if chance > 0.9 {
         return Vec::new();
     }
-    let longest = 1.0 + ((BY_CHANCE / rows.len() as f64).ln() / chance.max(1e-9).ln()).max(3.0);
+    // how many equal values are no chance where `places` could begin with them
+    let beyond_chance = |places: usize| {
+        let places = places.max(1) as f64;
+        1.0 + ((BY_CHANCE / places).ln() / chance.max(1e-9).ln()).max(3.0)
+    };
+    let longest = beyond_chance(rows.len());
     let mut out = Vec::new();
+    // runs of equal values on a coarse sensor with a jump at their end, or at both ends
+    let mut leapt: Vec<(usize, usize, bool)> = Vec::new();
+    let mut leaps = 0;
     let mut first = 0;
     for n in 1..=rows.len() {
         if n < rows.len() && values[rows[n]] == values[rows[first]] {
             continue;
         }
         let length = n - first;
-        let stands = if coarse == 0.0 {
-            length as f64 > longest
-        } else if length >= 3 && n + 6 < rows.len() && segment[rows[n]] == segment[rows[n - 1]] {
-            // between segments things happen that nobody recorded
-            let jump = (values[rows[n]] - values[rows[n - 1]]).abs();
-            let mut moves: Vec<f64> = (n..n + 5).map(|i| (values[rows[i + 1]] - values[rows[i]]).abs()).collect();
-            jump > NOISES * noise.max(coarse) + SCATTERS * median(&mut moves)
+        if coarse == 0.0 {
+            if length as f64 > longest {
+                out.extend_from_slice(&rows[first..n]);
+            }
         } else {
-            false
-        };
-        if stands {
-            out.extend_from_slice(&rows[first..n]);
+            // a jump that the motion beyond it does not explain; between segments things happen that nobody recorded
+            let leap = |from: usize, to: usize, beyond: &mut dyn Iterator<Item = usize>| {
+                let jump = (values[rows[to]] - values[rows[from]]).abs();
+                let mut moves: Vec<f64> = beyond.map(|i| (values[rows[i + 1]] - values[rows[i]]).abs()).collect();
+                segment[rows[to]] == segment[rows[from]]
+                    && jump > NOISES * noise.max(coarse) + SCATTERS * median(&mut moves)
+            };
+            let behind = n + 6 < rows.len() && leap(n - 1, n, &mut (n..n + 5));
+            let before = first > 6 && leap(first - 1, first, &mut (first - 6..first - 1));
+            let off = behind || leaves(values, &rows, n) > 2.0 * coarse + STILL_NOISES * noise / 5f64.sqrt();
+            leaps += usize::from(off) + usize::from(before);
+            if length >= 3 && moved_on(values, &rows, first, n) > coarse + STILL_NOISES * noise {
+                out.extend_from_slice(&rows[first..n]);
+            } else if length >= 3 && (off || before) {
+                leapt.push((first, n, behind && before));
+            }
         }
         first = n;
     }
+    // a lever that is set elsewhere leaps too, and may have shown the same step a few times before
+    let longest = beyond_chance(leaps);
+    for (first, n, _) in leapt.into_iter().filter(|(first, n, both)| *both || (n - first) as f64 > longest) {
+        out.extend_from_slice(&rows[first..n]);
+    }
     out
+}
+
+/// How far the mean of the five present rows from `end` on lies from the value before, less what their own motion makes of that.
+fn leaves(values: &[f64], rows: &[usize], end: usize) -> f64 {
+    let Some(behind) = rows.get(end..end + 5) else { return 0.0 };
+    let held = values[rows[end - 1]];
+    let mean = behind.iter().map(|&i| values[i]).sum::<f64>() / 5.0;
+    (mean - held).abs() - 3.0 * (values[behind[4]] - values[behind[0]]).abs() / 4.0
+}
+
+/// How far the signal went meanwhile while it seemed to show one value, in present rows `first..end`, if it moved on at the lesser of its
+/// velocities before and behind; 0 where these have not one sign.
+fn moved_on(values: &[f64], rows: &[usize], first: usize, end: usize) -> f64 {
+    let over = (end - first).clamp(5, 40);
+    if first <= over || end + over >= rows.len() {
+        return 0.0;
+    }
+    let slope = |a: usize, b: usize| (values[rows[b]] - values[rows[a]]) / (rows[b] - rows[a]) as f64;
+    let (before, behind) = (slope(first - 1 - over, first - 1), slope(end, end + over));
+    if before * behind <= 0.0 {
+        return 0.0;
+    }
+    before.abs().min(behind.abs()) * (rows[end - 1] - rows[first]) as f64
 }
 
 /// Readings of the pump map far from the straight line of their segment.

@@ -4,7 +4,7 @@ use model::integrate::SimulationError;
 use nalgebra::{DMatrix, DVector};
 
 use crate::layout::Layout;
-use crate::problem::{Point, Problem};
+use crate::problem::{Piece, Point, Problem};
 
 /// When to stop.
 #[derive(Clone, Copy, Debug)]
@@ -20,11 +20,20 @@ pub struct Effort {
     /// Where it is finite, it decides instead of the tolerance: stop when the whole next step promises less than this share of a noise
     /// variance. A hundredth leaves every parameter within a tenth of its standard error of the minimum, however flat that is.
     pub promise: f64,
+    /// Each step is tried with derivatives at once, on the trust that it is taken: saves a simulation where it is.
+    pub ahead: bool,
 }
 
 impl Default for Effort {
     fn default() -> Self {
-        Effort { iterations: 25, tolerance: 1e-6, hopeless_above: f64::INFINITY, patience: 4, promise: f64::INFINITY }
+        Effort {
+            iterations: 25,
+            tolerance: 1e-6,
+            hopeless_above: f64::INFINITY,
+            patience: 4,
+            promise: f64::INFINITY,
+            ahead: false,
+        }
     }
 }
 
@@ -43,10 +52,26 @@ pub struct Fit {
 
 /// Minimises the problem's cost from `start`.
 pub fn fit(problem: &Problem, layout: &Layout, start: Point, effort: Effort) -> Result<Fit, SimulationError> {
+    fit_from(problem, layout, start, effort, None).map(|(fit, _)| fit)
+}
+
+/// As [`fit`], from a start whose linearisation is known already. The second part is that of the fit's end, where it is known.
+pub fn fit_from(
+    problem: &Problem,
+    layout: &Layout,
+    start: Point,
+    effort: Effort,
+    known: Option<Vec<Piece>>,
+) -> Result<(Fit, Option<Vec<Piece>>), SimulationError> {
     let bounds = layout.bounds();
     let mut point = start;
+    let before = point.theta.clone();
     clip(&mut point.theta, &bounds);
-    let mut cost = problem.cost_of(&problem.residuals(layout, &point)?, &point);
+    let mut known = known.filter(|_| point.theta == before);
+    let mut cost = match &known {
+        Some(pieces) => problem.cost_of_pieces(pieces, &point),
+        None => problem.cost_of(&problem.residuals(layout, &point)?, &point),
+    };
     // near the minimum already: flat directions must not wait for the damping to fall
     let mut damping = if effort.promise.is_finite() { 1e-7 } else { 1e-3 };
     let mut growth = 2.0;
@@ -55,7 +80,10 @@ pub fn fit(problem: &Problem, layout: &Layout, start: Point, effort: Effort) -> 
         if iteration >= effort.patience && cost > effort.hopeless_above {
             break;
         }
-        let pieces = problem.linearise(layout, &point)?;
+        let pieces = match known.take() {
+            Some(pieces) => pieces,
+            None => problem.linearise(layout, &point)?,
+        };
         let normal = problem.normal(&pieces, layout.len(), &point);
         let active = pushed_out(&point.theta, &bounds, &normal.gradient, &normal.matrix);
         let enough = effort.promise * misfit(problem, cost);
@@ -64,9 +92,11 @@ pub fn fit(problem: &Problem, layout: &Layout, start: Point, effort: Effort) -> 
             let whole = damped_step(&normal.matrix, &normal.gradient, &active, 1e-13);
             if whole.is_some_and(|step| normal.gradient.dot(&step) < enough) {
                 converged = true;
+                known = Some(pieces);
                 break;
             }
         }
+        let mut ahead = effort.ahead;
         loop {
             let Some(step) = damped_step(&normal.matrix, &normal.gradient, &active, damping) else {
                 damping *= 10.0;
@@ -86,13 +116,19 @@ pub fn fit(problem: &Problem, layout: &Layout, start: Point, effort: Effort) -> 
                     initial[j] += d[j];
                 }
             }
-            let trial_cost = problem.cost(layout, &trial);
+            let trial_pieces = if ahead { problem.linearise(layout, &trial).ok() } else { None };
+            let trial_cost = match &trial_pieces {
+                Some(pieces) => problem.cost_of_pieces(pieces, &trial),
+                None => problem.cost(layout, &trial),
+            };
+            ahead = false;
             let predicted = 2.0 * normal.gradient.dot(&step) - (step.transpose() * &normal.matrix * &step)[(0, 0)];
             if trial_cost < cost {
                 let gain = (cost - trial_cost) / predicted.max(1e-300);
                 let relative = (cost - trial_cost) / cost;
                 point = trial;
                 cost = trial_cost;
+                known = trial_pieces;
                 damping = (damping * (1.0 - (2.0 * gain - 1.0).powi(3)).max(0.1)).max(1e-9);
                 growth = 2.0;
                 if relative < effort.tolerance && enough.is_infinite() {
@@ -105,12 +141,13 @@ pub fn fit(problem: &Problem, layout: &Layout, start: Point, effort: Effort) -> 
             growth *= 2.0;
             if predicted < enough.min(effort.tolerance * cost) || damping > 1e10 {
                 converged = true;
+                known = Some(pieces);
                 break 'outer;
             }
         }
         tracing::debug!(iteration, cost, damping, "fit");
     }
-    Ok(Fit { layout: layout.clone(), point, cost, converged })
+    Ok((Fit { layout: layout.clone(), point, cost, converged }, known))
 }
 
 /// Size of the residuals over that of the noise, squared, at least 1.

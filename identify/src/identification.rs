@@ -8,11 +8,11 @@ use model::parameters::{NAMES, index};
 use recordings::{CampaignError, Protocol, Role};
 
 use crate::component::{self, CapacityPoint, LossPoint, PumpPoint, TorquePoint};
-use crate::fit::{Effort, Fit, covariance, fit};
+use crate::fit::{Effort, Fit, covariance, fit, fit_from};
 use crate::layout::Layout;
 pub use crate::loaded::{Loaded, LoadedRun};
 use crate::prepare::{Stand, Stretch, Unusable};
-use crate::problem::Problem;
+use crate::problem::{Piece, Problem};
 use crate::torque_form::{TorqueForm, refit_third_order};
 
 /// What can go wrong from a folder to a model.
@@ -61,6 +61,8 @@ pub struct Identified {
     pub problem: Problem,
     /// The joint fit in free run.
     pub fit: Fit,
+    /// Residuals and derivatives at the end of `fit`, where it left them.
+    pub linear: Option<Vec<Piece>>,
     /// The fit with the torque as eq. (2) alone, where `fit` has more.
     pub by_eq2: Option<Fit>,
     /// Base parameters that the data do not determine, with the reason.
@@ -139,24 +141,15 @@ pub fn identify_as(loaded: &Loaded, form: TorqueForm, progress: &dyn Fn(&str)) -
     }
     layout.fixed = component.to_vector();
 
-    // first what stands still, then everything
-    let (still, _) = problem.part(|_, s| s.stand != Stand::Free);
-    let mut theta = layout.vector_of(&component);
-    if !still.stretches.is_empty() {
-        let start = still.point(theta.clone());
-        if let Ok(f) = fit(&still, &layout, start, Effort { iterations: 6, tolerance: 1e-3, ..Effort::default() })
-            && f.point.theta.iter().all(|v| v.is_finite())
-            && problem.cost(&layout, &problem.point(f.point.theta.clone()))
-                < problem.cost(&layout, &problem.point(theta.clone()))
-        {
-            theta = f.point.theta;
-        }
-    }
-    let rough = Effort { iterations: 12, tolerance: 1e-3, ..Effort::default() };
-    let first = fit(&problem, &layout, problem.point(theta), rough).map_err(simulation("the identify runs"))?;
+    let theta = layout.vector_of(&component);
+    let (first, pieces) = rough_fit(&problem, &layout, theta).map_err(simulation("the identify runs"))?;
     progress("joint fit in free run, first pass");
-    problem.reweigh(&layout, &first.point).map_err(simulation("the identify runs"))?;
-    let undetermined = drop_undetermined(&problem, &mut layout, &first).map_err(simulation("the identify runs"))?;
+    let mut pieces = match pieces {
+        Some(pieces) => pieces,
+        None => problem.linearise(&layout, &first.point).map_err(simulation("the identify runs"))?,
+    };
+    problem.reweigh(&mut pieces);
+    let undetermined = drop_undetermined(&problem, &mut layout, &first, &pieces);
     let all = Layout::base(&component);
     let kept: Vec<f64> =
         all.base.iter().zip(&first.point.theta).filter(|(i, _)| layout.base.contains(i)).map(|(_, v)| *v).collect();
@@ -164,13 +157,10 @@ pub fn identify_as(loaded: &Loaded, form: TorqueForm, progress: &dyn Fn(&str)) -
     start.theta = kept;
     // a gross misfit bends the parameters whatever is done: no use in polishing them
     let gross = first.cost > 10.0 * problem.targets() as f64;
-    let polish = Effort {
-        iterations: if gross { 12 } else { 20 },
-        tolerance: if gross { 1e-3 } else { 1e-6 },
-        promise: if gross { f64::INFINITY } else { PROMISE },
-        ..Effort::default()
-    };
-    let last = fit(&problem, &layout, start, polish).map_err(simulation("the identify runs"))?;
+    let polish =
+        if gross { Effort { iterations: 12, tolerance: 1e-3, promise: f64::INFINITY, ..polish() } } else { polish() };
+    let known = undetermined.is_empty().then_some(pieces);
+    let (last, at_end) = fit_from(&problem, &layout, start, polish, known).map_err(simulation("the identify runs"))?;
     progress("joint fit in free run, final pass");
     let (fit, by_eq2) = match form {
         TorqueForm::SecondEquation => (last, None),
@@ -180,7 +170,8 @@ pub fn identify_as(loaded: &Loaded, form: TorqueForm, progress: &dyn Fn(&str)) -
             (third, Some(last))
         }
     };
-    Ok(Identified { problem, fit, by_eq2, undetermined, component, points })
+    let linear = if by_eq2.is_none() { at_end } else { None };
+    Ok(Identified { problem, fit, linear, by_eq2, undetermined, component, points })
 }
 
 /// Standard errors of a fit's entries: see [`covariance_of`].
@@ -222,14 +213,49 @@ const PROMISE: f64 = 0.01;
 /// From this correlation on two parameters are told as a combination.
 const BOUND: f64 = 0.95;
 
+/// From the component experiments to near the joint minimum: first what stands still, which costs little, then everything. The second
+/// part is the linearisation of the end, where it is known.
+///
+/// # Errors
+/// The model can't be simulated from there.
+pub fn rough_fit(
+    problem: &Problem,
+    layout: &Layout,
+    start: Vec<f64>,
+) -> Result<(Fit, Option<Vec<Piece>>), SimulationError> {
+    let mut theta = start;
+    let mut known = None;
+    let (still, _) = problem.part(|_, s| s.stand != Stand::Free);
+    let effort = Effort { iterations: 6, tolerance: 1e-3, ahead: true, ..Effort::default() };
+    if !still.stretches.is_empty()
+        && let Ok(f) = fit(&still, layout, still.point(theta.clone()), effort)
+        && f.point.theta.iter().all(|v| v.is_finite())
+    {
+        let point = problem.point(f.point.theta);
+        if let Ok(pieces) = problem.linearise(layout, &point)
+            && problem.cost_of_pieces(&pieces, &point) < problem.cost(layout, &problem.point(theta.clone()))
+        {
+            (theta, known) = (point.theta, Some(pieces));
+        }
+    }
+    // what a further step gains is left to the polish, which has to take one anyway
+    let effort = Effort { iterations: 12, tolerance: 1e-2, ahead: true, ..Effort::default() };
+    fit_from(problem, layout, problem.point(theta), effort, known)
+}
+
+/// From near the joint minimum to it.
+pub fn polish() -> Effort {
+    Effort { iterations: 20, tolerance: 1e-6, promise: PROMISE, ahead: true, ..Effort::default() }
+}
+
 /// Takes out of the layout what the data do not determine: one after the other, the worst first.
 fn drop_undetermined(
     problem: &Problem,
     layout: &mut Layout,
     first: &Fit,
-) -> Result<BTreeMap<String, String>, SimulationError> {
-    let pieces = problem.linearise(&first.layout, &first.point)?;
-    let full = problem.normal(&pieces, first.layout.len(), &first.point).matrix;
+    pieces: &[Piece],
+) -> BTreeMap<String, String> {
+    let full = problem.normal(pieces, first.layout.len(), &first.point).matrix;
     let misfit = (first.cost / problem.targets() as f64).max(1.0);
     let mut left: Vec<usize> = (0..first.layout.base.len()).collect();
     let mut out = BTreeMap::new();
@@ -273,7 +299,7 @@ fn drop_undetermined(
             layout.fixed[*i] = *v;
         }
     }
-    Ok(out)
+    out
 }
 
 /// A size below which a parameter is as good as zero, so that a well-known zero is not called undetermined.

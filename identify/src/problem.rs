@@ -104,6 +104,12 @@ impl Problem {
         fit + self.prior(point)
     }
 
+    /// The same of linearised pieces.
+    pub fn cost_of_pieces(&self, pieces: &[Piece], point: &Point) -> f64 {
+        let fit: f64 = pieces.iter().flat_map(|p| &p.residual).map(|r| r * r).sum();
+        fit + self.prior(point)
+    }
+
     fn prior(&self, point: &Point) -> f64 {
         let mut sum = 0.0;
         for (s, initial) in self.stretches.iter().zip(&point.initial) {
@@ -212,9 +218,24 @@ impl Problem {
     }
 
     /// Re-estimates the noise of each run and channel from the fast part of the residuals at a point, where that is larger
-    /// than what the channel itself shows (inputs that are measured bring noise of their own).
-    pub fn reweigh(&mut self, layout: &Layout, point: &Point) -> Result<(), SimulationError> {
-        let residuals = self.residuals(layout, point)?;
+    /// than what the channel itself shows (inputs that are measured bring noise of their own). The
+    /// pieces are weighed anew.
+    pub fn reweigh(&mut self, pieces: &mut [Piece]) {
+        let residuals: Vec<Vec<f64>> = pieces.iter().map(|p| p.residual.clone()).collect();
+        let factors = self.widen(&residuals);
+        for ((piece, factors), s) in pieces.iter_mut().zip(factors).zip(&self.stretches) {
+            let columns = piece.slope.len() / s.targets.len().max(1);
+            for (t, (r, row)) in piece.residual.iter_mut().zip(piece.slope.chunks_mut(columns.max(1))).enumerate() {
+                let factor = factors[s.targets[t].channel as usize];
+                *r /= factor;
+                row.iter_mut().for_each(|v| *v /= factor);
+            }
+        }
+    }
+
+    /// By stretch and channel: by how much the noise is larger than was thought, which it is from now on.
+    fn widen(&mut self, residuals: &[Vec<f64>]) -> Vec<[f64; 5]> {
+        let mut factors = vec![[1.0; 5]; self.stretches.len()];
         let runs: std::collections::BTreeSet<usize> = self.stretches.iter().map(|s| s.run).collect();
         for run in runs {
             for channel in Channel::ALL {
@@ -230,11 +251,12 @@ impl Problem {
                 if factor > 1.1 {
                     for &n in &members {
                         self.std[n][channel as usize] *= factor;
+                        factors[n][channel as usize] = factor;
                     }
                 }
             }
         }
-        Ok(())
+        factors
     }
 }
 

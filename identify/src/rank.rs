@@ -7,7 +7,7 @@ use nalgebra::DMatrix;
 use crate::fit::Fit;
 use crate::identification::scale;
 use crate::layout::FREE;
-use crate::problem::{Point, Problem};
+use crate::problem::{Normal, Point, Problem};
 
 /// See the module.
 #[derive(Clone, Debug, serde::Serialize)]
@@ -25,23 +25,35 @@ pub struct Rank {
 /// Parts of a direction below this are not named.
 const NAMED: f64 = 0.15;
 
-/// Of the base parameters of a fit, those that it held included. Costs one linearisation.
+/// Of the base parameters of a fit, those that it held included, given its normal equations. Costs a linearisation where it held any.
 ///
 /// # Errors
 /// The fit can't be simulated.
-pub fn rank(problem: &Problem, fit: &Fit) -> Result<Rank, SimulationError> {
+pub fn rank(problem: &Problem, fit: &Fit, normal: &Normal) -> Result<Rank, SimulationError> {
     let mut layout = fit.layout.clone();
     layout.fixed = layout.parameters(&fit.point.theta).to_vector();
-    let after = fit.point.theta[fit.layout.base.len()..].to_vec();
-    layout.base = FREE.iter().copied().chain([index::A2]).collect();
-    // what stands beside the base is no direction of it
-    let effects = layout.first_of(0)..layout.len();
-    layout.held.clear();
-    layout.held.extend(effects);
+    let fitted = fit.layout.base.len();
+    let after = fit.point.theta[fitted..].to_vec();
+    layout.base = FREE.to_vec();
     let theta: Vec<f64> = layout.base.iter().map(|&p| layout.fixed[p]).chain(after).collect();
     let point = Point { theta, initial: fit.point.initial.clone() };
-    let pieces = problem.linearise(&layout, &point)?;
-    let matrix = problem.normal(&pieces, layout.len(), &point).matrix;
+    let base = FREE.len();
+    let free = if fit.layout.base == FREE {
+        normal.matrix.view((0, 0), (base, base)).into_owned()
+    } else {
+        // what stands beside the base is no direction of it
+        layout.held = (layout.first_of(0)..layout.len()).collect();
+        let pieces = problem.linearise(&layout, &point)?;
+        problem.normal(&pieces, layout.len(), &point).matrix.view((0, 0), (base, base)).into_owned()
+    };
+    // eq. (13): a2 scales the whole capacity, so d/d a2 = -(h1 d/d h1 + h3 d/d h3)
+    let mut widened = DMatrix::identity(base, base + 1);
+    for p in [index::H1, index::H3] {
+        let at = FREE.iter().position(|&f| f == p).expect("h1 and h3 are free parameters");
+        widened[(at, base)] = -point.theta[at];
+    }
+    let matrix = widened.transpose() * free * widened;
+    layout.base.push(index::A2);
     let misfit = (fit.cost / problem.targets() as f64).max(1.0);
     let n = layout.base.len();
     let size = |i: usize| match layout.base[i] {

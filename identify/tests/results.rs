@@ -248,6 +248,7 @@ fn the_model_file_simulates_the_same_bit_for_bit() {
     let identified = Identified {
         problem,
         fit: fit.clone(),
+        linear: None,
         by_eq2: None,
         undetermined,
         component: truth,
@@ -451,6 +452,7 @@ fn diagnosed(dir: &Path, verdict: Verdict, id: &str, values: &[f64]) -> Analysis
     let identified = Identified {
         problem,
         fit,
+        linear: None,
         by_eq2: None,
         undetermined: Default::default(),
         component: truth,

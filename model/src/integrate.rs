@@ -14,7 +14,7 @@ pub use crate::sensitivity::{Seeds, Sensitivity};
 /// Most states that plant and effects may have together.
 pub const MOST_STATES: usize = 16;
 /// States of the plant with an effect or two.
-const FEW_STATES: usize = 8;
+pub(crate) const FEW_STATES: usize = 8;
 
 /// What an integration could not do.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

@@ -1,7 +1,7 @@
 //! Sensitivities beside an integration.
 
 use crate::effects::EffectSet;
-use crate::integrate::MOST_STATES;
+use crate::integrate::{FEW_STATES, MOST_STATES};
 use crate::rec::{self, Input, Lever};
 use crate::scalar::{LANES, Scalar, Tangent};
 
@@ -111,12 +111,22 @@ impl Sensitivity {
     }
 
     /// Transition and drive over `dt` from A and B at this state.
-    #[inline(never)]
     fn linearise(&mut self, seeds: &Seeds, input: &Input, t: f64, dt: f64, middle: &[f64]) {
+        // a Tangent is long: no more of them than the plants that one meets have states
+        if self.states <= FEW_STATES {
+            self.linearise_in::<FEW_STATES>(seeds, input, t, dt, middle);
+        } else {
+            self.linearise_in::<MOST_STATES>(seeds, input, t, dt, middle);
+        }
+    }
+
+    /// With room for `N` states.
+    #[inline(never)]
+    fn linearise_in<const N: usize>(&mut self, seeds: &Seeds, input: &Input, t: f64, dt: f64, middle: &[f64]) {
         let (n, m) = (self.states, self.columns);
-        let mut a = [[0.0; MOST_STATES]; MOST_STATES];
-        let mut x = [Tangent::constant(0.0); MOST_STATES];
-        let mut dx = x;
+        let mut a = [[0.0; N]; N];
+        let mut x = [Tangent::constant(0.0); N];
+        let mut dx = [Tangent::constant(0.0); N];
         // B; columns beyond the seeded ones (initial states) have none
         self.next.fill(0.0);
         for (pass, pack) in seeds.packs.iter().enumerate() {
@@ -150,15 +160,15 @@ impl Sensitivity {
 }
 
 /// Integral of exp(A t) over 0..dt by its series; the steps are short enough (|A| dt of order 1) for eight terms.
-fn exponential_integral(a: &[[f64; MOST_STATES]; MOST_STATES], n: usize, dt: f64) -> [[f64; MOST_STATES]; MOST_STATES] {
-    let mut sum = [[0.0; MOST_STATES]; MOST_STATES];
-    let mut term = [[0.0; MOST_STATES]; MOST_STATES];
+fn exponential_integral<const N: usize>(a: &[[f64; N]; N], n: usize, dt: f64) -> [[f64; N]; N] {
+    let mut sum = [[0.0; N]; N];
+    let mut term = [[0.0; N]; N];
     for i in 0..n {
         term[i][i] = dt;
         sum[i][i] = dt;
     }
     for order in 2..=8 {
-        let mut next = [[0.0; MOST_STATES]; MOST_STATES];
+        let mut next = [[0.0; N]; N];
         let mut largest: f64 = 0.0;
         for i in 0..n {
             for l in 0..n {

@@ -12,8 +12,8 @@
 use benchmarks::campaign::{draw, record};
 use benchmarks::{Target, exit};
 use drivers::emulated::Noise;
-use identify::fit::{Effort, fit};
-use identify::identification::identify;
+use identify::fit::fit_from;
+use identify::identification::{identify, polish, rough_fit};
 use identify::layout::Layout;
 use identify::prepare::{Channel, Stand};
 use identify::problem::Problem;
@@ -48,7 +48,8 @@ fn compare(python: &str, script: &str) -> Result<bool, Box<dyn Error>> {
     let start = layout.vector_of(&identified.component);
 
     let begin = Instant::now();
-    let own = fit(&problem, &layout, problem.point(start.clone()), Effort { iterations: 60, ..Effort::default() })?;
+    let (rough, known) = rough_fit(&problem, &layout, start.clone())?;
+    let (own, _) = fit_from(&problem, &layout, rough.point, polish(), known)?;
     let own_s = begin.elapsed().as_secs_f64();
 
     let dir = tempfile::tempdir()?;

@@ -5,6 +5,8 @@
 //! cargo run --release -p benchmarks --bin coverage -- --cases 40 --seed 7 --each cases.tsv
 //! ```
 //!
+//! `--each` keeps every case in a file as soon as it is done; a call with a file that is there goes on with the cases that it lacks.
+//!
 //! Each case is a rig of its own, drawn within 10 % of the example, all built-in experiments on it through the real loop in virtual
 //! time, in memory, and the identification of what its sensors showed. z is (estimate - truth) / standard error.
 
@@ -15,10 +17,12 @@ use identify::identification::identify;
 use identify::uncertainty::Uncertainty;
 use model::parameters::NAMES;
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 use std::error::Error;
-use std::fmt::Write as _;
+use std::io::Write as _;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 /// Cases that the verdict of 90 to 99 % refers to.
 const CASES: usize = 200;
@@ -86,43 +90,93 @@ fn case(seed: u64) -> Result<Vec<Estimate>, String> {
         .collect())
 }
 
+/// First line of the file of cases.
+const HEAD: &str = "seed\tparameter\ttruth\tvalue\tstd\tlow\thigh\tfreedom\twidening";
+
+/// A case as lines of the file.
+fn lines(seed: u64, estimates: &[Estimate]) -> String {
+    let mut text = String::new();
+    for e in estimates {
+        let (name, (low, high)) = (NAMES[e.parameter], e.interval);
+        let Estimate { truth, value, std, freedom, widening, .. } = e;
+        text += &format!("{seed}\t{name}\t{truth}\t{value}\t{std}\t{low}\t{high}\t{freedom}\t{widening}\n");
+    }
+    text
+}
+
+/// The cases of a file that [`lines`] wrote.
+fn kept(text: &str, file: &str) -> Result<BTreeMap<u64, Vec<Estimate>>, Box<dyn Error>> {
+    let mut cases: BTreeMap<u64, Vec<Estimate>> = BTreeMap::new();
+    let mut all = text.lines();
+    if all.next().is_some_and(|head| head != HEAD) {
+        return Err(format!("{file}: expected a file of this study, which begins with {HEAD:?}").into());
+    }
+    for (n, line) in all.enumerate() {
+        let wrong = || format!("{file}, line {}: expected 9 fields of a case, got {line:?}; delete it", n + 2);
+        let fields: Vec<&str> = line.split('\t').collect();
+        let [seed, name, numbers @ ..] = &fields[..] else { return Err(wrong().into()) };
+        let parameter = NAMES.iter().position(|n| n == name).ok_or_else(wrong)?;
+        let numbers: Vec<f64> = numbers.iter().map(|v| v.parse()).collect::<Result<_, _>>().map_err(|_| wrong())?;
+        let &[truth, value, std, low, high, freedom, widening] = &numbers[..] else { return Err(wrong().into()) };
+        let estimate = Estimate { parameter, value, std, freedom, widening, interval: (low, high), truth };
+        cases.entry(seed.parse().map_err(|_| wrong())?).or_default().push(estimate);
+    }
+    Ok(cases)
+}
+
 fn study(cases: usize, seed: u64, each: Option<&str>) -> Result<bool, Box<dyn Error>> {
-    let done = AtomicUsize::new(0);
-    let seeds: Vec<u64> = (seed..seed + cases as u64).collect();
-    let found: Vec<(u64, Result<Vec<Estimate>, String>)> = seeds
+    let seeds = seed..seed + cases as u64;
+    let mut found = BTreeMap::new();
+    let mut file = None;
+    if let Some(name) = each {
+        let text = match std::fs::read_to_string(name) {
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => String::new(),
+            read => read.map_err(|e| format!("{name}: {e}"))?,
+        };
+        found = kept(&text, name)?;
+        found.retain(|seed, _| seeds.contains(seed));
+        let mut to = std::fs::OpenOptions::new().create(true).append(true).open(name)?;
+        if text.is_empty() {
+            writeln!(to, "{HEAD}")?;
+        }
+        file = Some(Mutex::new(to));
+    }
+    let missing: Vec<u64> = seeds.filter(|seed| !found.contains_key(seed)).collect();
+    let done = AtomicUsize::new(found.len());
+    let new: Vec<(u64, Result<Vec<Estimate>, String>)> = missing
         .into_par_iter()
         .with_max_len(1)
         .map(|seed| {
-            let found = case(seed);
+            let mut found = case(seed);
+            if let (Some(file), Ok(estimates)) = (&file, &found) {
+                let mut file = file.lock().unwrap_or_else(PoisonError::into_inner);
+                // whole cases only: one write
+                if let Err(e) = file.write_all(lines(seed, estimates).as_bytes()) {
+                    found = Err(format!("not kept: {e}"));
+                }
+            }
             eprintln!("case {} of {cases} done", done.fetch_add(1, Ordering::Relaxed) + 1);
             (seed, found)
         })
         .collect();
-    let failed: Vec<_> = found.iter().filter_map(|(seed, f)| f.as_ref().err().map(|e| (seed, e))).collect();
-    for (seed, error) in &failed {
-        println!("seed {seed} could not be identified: {error}");
-    }
-    if let Some(file) = each {
-        let mut text = "seed\tparameter\ttruth\tvalue\tstd\tz\tfreedom\twidening\n".to_owned();
-        for (seed, estimates) in &found {
-            for e in estimates.iter().flatten() {
-                let z = (e.value - e.truth) / e.std;
-                let (name, truth, value, std) = (NAMES[e.parameter], e.truth, e.value, e.std);
-                let (freedom, widening) = (e.freedom, e.widening);
-                writeln!(text, "{seed}\t{name}\t{truth}\t{value}\t{std}\t{z}\t{freedom}\t{widening}")?;
+    let mut failed = 0;
+    for (seed, case) in new {
+        match case {
+            Ok(estimates) => drop(found.insert(seed, estimates)),
+            Err(error) => {
+                failed += 1;
+                println!("seed {seed} could not be identified: {error}");
             }
         }
-        std::fs::write(file, text)?;
     }
 
     println!(
         "{:<6}{:>7}{:>9}{:>9}{:>9}{:>9}{:>9}{:>11}   95 % Wilson",
         "", "cases", "mean z", "RMS z", "most |z|", "freedom", "widened", "held / %"
     );
-    let mut reached = failed.is_empty();
+    let mut reached = failed == 0;
     for (p, name) in NAMES.iter().enumerate() {
-        let own: Vec<&Estimate> =
-            found.iter().flat_map(|(_, f)| f.iter().flatten()).filter(|e| e.parameter == p).collect();
+        let own: Vec<&Estimate> = found.values().flatten().filter(|e| e.parameter == p).collect();
         if own.is_empty() {
             continue;
         }
@@ -151,6 +205,8 @@ fn study(cases: usize, seed: u64, each: Option<&str>) -> Result<bool, Box<dyn Er
             100.0 * high,
         );
     }
+    let verdict = if reached { "reached" } else { "MISSED" };
+    println!("{} of {cases} cases: 90 to 99 % of each parameter's intervals hold the truth: {verdict}", found.len());
     Ok(reached)
 }
 
@@ -166,6 +222,27 @@ fn wilson(held: f64, n: f64) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_case_that_was_kept_is_read_back() {
+        let estimate = |parameter, value| Estimate {
+            parameter,
+            value,
+            std: 0.1,
+            freedom: 12.5,
+            widening: f64::NAN,
+            interval: (value - 0.2, value + 0.2),
+            truth: 1.0 / 3.0,
+        };
+        let text =
+            format!("{HEAD}\n{}{}", lines(7, &[estimate(0, 0.4), estimate(3, -1e-9)]), lines(2, &[estimate(1, 2.0)]));
+        let cases = kept(&text, "cases.tsv").expect("it is well formed");
+        assert_eq!(cases.keys().copied().collect::<Vec<_>>(), [2, 7]);
+        assert_eq!((cases[&7][1].parameter, cases[&7][1].value, cases[&7][1].truth), (3, -1e-9, 1.0 / 3.0));
+        assert!(cases[&7][0].holds() && !cases[&2][0].holds() && cases[&2][0].widening.is_nan());
+        assert!(kept("seed", "x").is_err() && kept(&format!("{HEAD}\n1\tm1\t2"), "x").is_err());
+        assert!(kept("", "x").expect("a new file").is_empty());
+    }
 
     #[test]
     fn wilson_s_interval_is_the_textbook_s() {

@@ -152,6 +152,13 @@ fn capacity(subject: &Subject, models: &Models) -> Figure {
     let mut figure =
         empty("capacity", "Hydraulic capacity of chamber 1", caption, "pressure / bar", "capacity / ml/bar");
     let points = &subject.identified.points.capacity;
+    if let Some(c) = crate::component::capacity_in_two_steps(points) {
+        let [h1, h2, h3, a1, a2] = [c.h1, c.h2, c.h3, c.a1, c.a2].map(|v| number(v, 3));
+        figure.caption.push_str(&format!(
+            " From these points in the paper's two steps: over the pressure at the angle nearest to 0, h1 = {h1}, h2 = {h2}, h3 = {h3}; \
+             then over the angle, a1 = {a1} 1/deg, a2 = {a2}. The joint fit takes whole series of releases, with a2 in h1 and h3."
+        ));
+    }
     let angles = levels(points.iter().map(|p| p.angle_deg), 2.0);
     let own = |group: usize| {
         let own = points.iter().filter(|p| nearest(&angles, p.angle_deg) == group);

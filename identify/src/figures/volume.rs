@@ -1,9 +1,11 @@
 //! Fig. 3: the volume characteristic of chamber 1.
 
+use nalgebra::{DMatrix, DVector};
 use recordings::{Protocol, Role};
 
 use crate::figure::{Figure, Mark};
 use crate::figures::plant::Plant;
+use crate::figures::text::number;
 use crate::figures::{Subject, grid, range, section, series};
 use crate::fit::Fit;
 use crate::noise::mean;
@@ -68,19 +70,40 @@ fn volume_over_angle(subject: &Subject, sweeps: &[Sweep]) -> Figure {
         let phi = angle_deg.to_radians();
         (0.5 * v1 * phi + v2) * phi
     };
+    let mut polynomials = Vec::new();
     for (group, level) in LEVELS_BAR.iter().enumerate() {
         let points: Vec<(f64, f64)> =
             sweeps.iter().filter_map(|s| Some((angle_at(&s.points, *level)?, s.volume_ml))).collect();
         if points.len() < 2 {
             continue;
         }
+        polynomials.extend(
+            polynomial(&points).map(|(v1, v2)| format!("{level} bar: {} and {}", number(v1, 3), number(v2, 4))),
+        );
         let (shift, _) = mean(points.iter().map(|(a, v)| v - displaced(*a)));
         let Some((low, high)) = range(points.iter().map(|p| p.0)) else { continue };
         figure.series.push(series(format!("{level} bar measured"), Mark::Points, group, points));
         let curve = grid(low, high, 61).map(|a| (a, shift + displaced(a)));
         figure.series.push(series(format!("{level} bar eq. (14)"), Mark::Line, group, curve));
     }
+    if !polynomials.is_empty() {
+        figure.caption.push_str(&format!(
+            " A polynomial of second order for each pressure has v1 (ml/rad2) and v2 (ml/rad) of {}. Eq. (14) is to be the one of a middle \
+             pressure; the joint fit weighs all of them, {} and {}.",
+            polynomials.join(", "),
+            number(v1, 3),
+            number(v2, 4)
+        ));
+    }
     figure
+}
+
+/// v1 and v2 of a polynomial of second order through points of angle (deg) and volume (ml); `None` with fewer than four points.
+fn polynomial(points: &[(f64, f64)]) -> Option<(f64, f64)> {
+    let a = DMatrix::from_fn(points.len(), 3, |i, j| points[i].0.to_radians().powi(j as i32));
+    let b = DVector::from_iterator(points.len(), points.iter().map(|p| p.1));
+    let x = a.svd(true, true).solve(&b, 1e-9).ok().filter(|_| points.len() > 3)?;
+    Some((2.0 * x[2], x[1]))
 }
 
 /// Mean angle at which a sweep passes a pressure, back and forth.
@@ -157,6 +180,14 @@ fn volume_of(subject: &Subject, run: usize, time_s: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_volume_s_polynomial_is_that_of_eq_14() {
+        let of = |a: f64| (a, 100.0 + (0.5 * -9.0 * a.to_radians() + 68.0) * a.to_radians());
+        let (v1, v2) = polynomial(&[-40.0, -10.0, 0.0, 15.0, 35.0].map(of)).unwrap();
+        assert!((v1 + 9.0).abs() < 1e-9 && (v2 - 68.0).abs() < 1e-9, "{v1} {v2}");
+        assert_eq!(polynomial(&[of(1.0), of(2.0), of(3.0)]), None);
+    }
 
     #[test]
     fn a_sweep_back_and_forth_gives_the_angle_in_the_middle() {

@@ -6,8 +6,8 @@ mod stretch;
 
 use recordings::{Plane, Protocol, Recording};
 
-use crate::noise::{mean, white_std};
-use inputs::{drained_pressure, filled, led_angle, rests, smoothed};
+use crate::noise::{mean, step, white_std};
+use inputs::{drained_pressure, filled, led_angle, level, rests, smoothed};
 use rows::{block_starts, dwells, fillings, rest_rows, slow, thinned};
 
 pub use rows::segments;
@@ -55,6 +55,7 @@ pub fn stretches(
         targets: Vec::new(),
     };
     let segments = segments(&r);
+    let angle_noise = white_std(&recording.angle_deg).unwrap_or(0.0).max(step(&recording.angle_deg));
     let mut out = Vec::new();
     match protocol {
         Protocol::ConstantFlow | Protocol::SquareWave | Protocol::RandomSteps => {
@@ -66,14 +67,15 @@ pub fn stretches(
             })?;
             for (j, channel) in [Channel::Angle, Channel::Pressure1, Channel::Pressure2].into_iter().enumerate() {
                 let values = &channel.of(&r)[..rest];
-                let (m, n) = mean(values.iter().copied());
+                let n = values.iter().filter(|v| v.is_finite()).count();
                 if n < 5 {
                     return Err(unusable(format!(
                         "{}: expected values during the initial rest, got {n} of {rest} rows",
                         channel.column()
                     )));
                 }
-                let std = white_std(channel.of(&r)).unwrap_or(0.0).max(1e-9) / (n as f64).sqrt();
+                let noise = white_std(channel.of(&r)).unwrap_or(0.0).max(1e-9);
+                let (m, std) = (level(values, noise.max(step(channel.of(&r)))), noise / (n as f64).sqrt());
                 let unit = if j == 0 { std::f64::consts::PI / 180.0 } else { 1.0 };
                 s.initial[j] = m * unit;
                 s.initial_std[j] = 2.0 * std * unit;
@@ -86,8 +88,7 @@ pub fn stretches(
             // a stretch per clamped angle: how the lever gets from one to the next is not known well enough
             for (first, end) in dwells(&r, &segments) {
                 let mut s = cut(first, end, Stand::Led);
-                let (angle, _) = mean(r.angle_deg[first..end].iter().copied());
-                s.angle_rad = vec![angle.to_radians(); end - first];
+                s.angle_rad = vec![level(&r.angle_deg[first..end], angle_noise).to_radians(); end - first];
                 initial_from_rows(&mut s, &r, first, 0.05, 0.05);
                 for channel in [Channel::Pressure1, Channel::Pressure2, Channel::Torque] {
                     s.measured[channel as usize] = channel.of(&r)[first..end].to_vec();
@@ -127,8 +128,7 @@ pub fn stretches(
                     continue;
                 }
                 let mut s = cut(first, end, Stand::Drained);
-                let (angle, _) = mean(r.angle_deg[first..end].iter().copied());
-                s.angle_rad = vec![angle.to_radians(); end - first];
+                s.angle_rad = vec![level(&r.angle_deg[first..end], angle_noise).to_radians(); end - first];
                 s.pressure_bar =
                     [Channel::Pressure1, Channel::Pressure2].map(|c| drained_pressure(&r, c.of(&r), first, end));
                 s.initial = [s.angle_rad[0], s.pressure_bar[0][0], s.pressure_bar[1][0]];
