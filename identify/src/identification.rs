@@ -24,6 +24,9 @@ pub enum IdentifyError {
     /// A run can't be used.
     #[error(transparent)]
     Unusable(#[from] Unusable),
+    /// A recording can't be what its columns say.
+    #[error(transparent)]
+    Implausible(#[from] crate::plausible::Implausible),
     /// The campaign lacks runs.
     #[error("{campaign}: {why}")]
     Missing {

@@ -14,6 +14,7 @@ pub mod loaded;
 pub mod misfit;
 pub mod model_file;
 pub mod noise;
+pub mod plausible;
 pub mod predict;
 pub mod prepare;
 pub mod problem;
