@@ -220,7 +220,7 @@ fn bypass_by_scan(problem: &Problem, layout: &Layout, p: &mut Parameters) {
 }
 
 /// What a next step may still promise at the end of the joint fit, noise variances: see [`Effort::promise`].
-const PROMISE: f64 = 0.01;
+pub(crate) const PROMISE: f64 = 0.01;
 
 /// From this correlation on two parameters are told as a combination.
 const BOUND: f64 = 0.95;
