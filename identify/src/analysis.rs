@@ -32,9 +32,10 @@ pub const REPORT_FILE: &str = "report.json";
 pub const FINDINGS_FILE: &str = "findings.json";
 
 /// How far an analysis goes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Depth {
     /// Identification and free-run validation of the reference model.
+    #[default]
     Identification,
     /// And the diagnosis of what it leaves.
     Diagnosis,
@@ -148,7 +149,8 @@ pub fn conclude(
     let problem = &identified.problem;
     let scene = Scene::new(problem, &identified.fit)?;
     let uncertainty = Uncertainty::of_linear(problem, &identified.fit, &scene.pieces, &scene.normal);
-    let carried = |e: &&&'static dyn Effect| !identified.fit.layout.effects.iter().any(|c| c.header().id == e.header().id);
+    let carried =
+        |e: &&&'static dyn Effect| !identified.fit.layout.effects.iter().any(|c| c.header().id == e.header().id);
     let open: Vec<&'static dyn Effect> = LIBRARY.iter().filter(carried).copied().collect();
     let misfit = identified.fit.cost / problem.targets().max(1) as f64;
     let hidden = if diagnosis.is_some() { not_judged(&open, problem, &scene, misfit) } else { Vec::new() };

@@ -56,7 +56,11 @@ mod tests {
     #[test]
     fn enough_is_enough_and_then_time_counts() {
         assert_eq!(choose(&[offer(300.0, &[9.0]), offer(60.0, &[4.1]), offer(30.0, &[2.0])]), Some(1));
-        assert_eq!(choose(&[offer(300.0, &[3.0]), offer(60.0, &[2.0])]), Some(0), "not enough: the one that settles more");
+        assert_eq!(
+            choose(&[offer(300.0, &[3.0]), offer(60.0, &[2.0])]),
+            Some(0),
+            "not enough: the one that settles more"
+        );
         assert_eq!(choose(&[offer(60.0, &[9.0, 0.1]), offer(60.0, &[4.0, 3.0])]), Some(1), "both pairs count");
         assert_eq!(choose(&[offer(60.0, &[0.3])]), None);
         assert_eq!(choose(&[]), None);
