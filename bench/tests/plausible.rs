@@ -4,8 +4,7 @@
 
 use bench::blind::rig::{Truth, draw};
 use bench::blind::runs::record;
-use identify::plausible::{Fault, SetAside, examine};
-use identify::prepare::Channel;
+use identify::plausible::{Fault, Sensor, SetAside, examine};
 use model::effects::find;
 use recordings::{Campaign, Plane, Protocol, Recording, Role};
 
@@ -130,21 +129,21 @@ fn spoilt(protocol: Protocol, spoil: impl Fn(&mut Recording)) -> (Vec<SetAside>,
 #[test]
 fn a_dead_sensor_is_set_aside_and_no_quiet_one() {
     for (protocol, channel, whole) in [
-        (Protocol::SquareWave, Channel::Pressure1, true),
-        (Protocol::RandomSteps, Channel::Pressure2, true),
-        (Protocol::ConstantFlow, Channel::Angle, true),
-        (Protocol::TorqueMap, Channel::Torque, true),
-        (Protocol::VolumeMap, Channel::Pressure1, true),
-        (Protocol::ClampSteps, Channel::Torque, false),
-        (Protocol::PumpMap, Channel::Volume, true),
+        (Protocol::SquareWave, Sensor::Pressure1, true),
+        (Protocol::RandomSteps, Sensor::Pressure2, true),
+        (Protocol::ConstantFlow, Sensor::Angle, true),
+        (Protocol::TorqueMap, Sensor::Torque, true),
+        (Protocol::VolumeMap, Sensor::Pressure1, true),
+        (Protocol::ClampSteps, Sensor::Torque, false),
+        (Protocol::PumpMap, Sensor::Volume, true),
     ] {
         let (found, left, _) = spoilt(protocol, |r| {
             let values = match channel {
-                Channel::Angle => &mut r.angle_deg,
-                Channel::Pressure1 => &mut r.pressure1_bar,
-                Channel::Pressure2 => &mut r.pressure2_bar,
-                Channel::Torque => &mut r.torque_nm,
-                Channel::Volume => &mut r.volume_ml,
+                Sensor::Angle => &mut r.angle_deg,
+                Sensor::Pressure1 => &mut r.pressure1_bar,
+                Sensor::Pressure2 => &mut r.pressure2_bar,
+                Sensor::Torque => &mut r.torque_nm,
+                Sensor::Volume => &mut r.volume_ml,
             };
             values.iter_mut().filter(|v| v.is_finite()).for_each(|v| *v = 2.5);
         });

@@ -339,36 +339,3 @@ fn bench() -> Vec<Candidate> {
     ];
     all.into_iter().flatten().collect()
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use profiles::{Context, Hands, Script};
-
-    #[test]
-    fn every_candidate_is_a_script_that_a_rig_can_play() {
-        for turn_deg in [12.0, 30.0] {
-            let all = candidates(&Room { turn_deg, fill_bar: 2.8, fills_bar: (1.9, 3.9) });
-            assert!(all.len() > 35, "{}", all.len());
-            for c in &all {
-                for passes in [c.passes, 3 * c.passes] {
-                    let text = c.script("next_1", passes);
-                    let script = Script::parse(&text, "next.toml").unwrap_or_else(|e| panic!("{e}\n{text}"));
-                    let context = Context { u_max_v: 24.0, seed: 1, hands: Hands::Rig };
-                    script.compile(&context).unwrap_or_else(|e| panic!("{e}\n{text}"));
-                    assert_eq!(script.role, profiles::Role::Identify);
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn the_bench_experiments_are_cut_down() {
-        let names: Vec<String> = bench().into_iter().map(|c| c.about).collect();
-        assert_eq!(names.len(), 4);
-        let map = &bench()[0];
-        assert!(map.body.contains("[-40, 0, 40]") && !map.body.contains("-30"), "{}", map.body);
-        let pump = &bench()[3];
-        assert!(!pump.body.contains("0.78") && pump.body.contains("[1.5, 4.5]"), "{}", pump.body);
-    }
-}

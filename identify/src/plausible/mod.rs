@@ -17,7 +17,7 @@ mod work;
 
 use recordings::{Campaign, Recording, Role};
 
-pub use sensors::{Fault, SetAside};
+pub use sensors::{Fault, Sensor, SetAside};
 
 /// A recording that can't be what its columns say.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

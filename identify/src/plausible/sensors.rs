@@ -15,7 +15,41 @@ use recordings::{Protocol, Recording, RunEntry};
 
 use super::series::{Motion, longest_constant};
 use crate::noise::{step, white_std};
-use crate::prepare::{Channel, segments};
+use crate::prepare::segments;
+
+/// A sensor of the rig, with its column of the contract.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sensor {
+    /// Encoder.
+    Angle,
+    /// Of chamber 1.
+    Pressure1,
+    /// Of chamber 2.
+    Pressure2,
+    /// Force sensor of the clamp.
+    Torque,
+    /// Measuring cylinder.
+    Volume,
+}
+
+impl Sensor {
+    const ALL: [Sensor; 5] = [Sensor::Angle, Sensor::Pressure1, Sensor::Pressure2, Sensor::Torque, Sensor::Volume];
+
+    /// Column of the campaign format.
+    pub fn column(self) -> &'static str {
+        ["angle_deg", "pressure1_bar", "pressure2_bar", "torque_nm", "volume_ml"][self as usize]
+    }
+
+    fn of(self, r: &Recording) -> &[f64] {
+        match self {
+            Sensor::Angle => &r.angle_deg,
+            Sensor::Pressure1 => &r.pressure1_bar,
+            Sensor::Pressure2 => &r.pressure2_bar,
+            Sensor::Torque => &r.torque_nm,
+            Sensor::Volume => &r.volume_ml,
+        }
+    }
+}
 
 /// What is wrong with a sensor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,7 +81,7 @@ pub struct SetAside {
     /// What is wrong.
     pub fault: Fault,
     /// The channels.
-    pub channels: Vec<Channel>,
+    pub channels: Vec<Sensor>,
     /// Expected and got.
     pub why: String,
     /// The run is of no use without them and is left out.
@@ -97,26 +131,26 @@ fn driven(r: &Recording) -> impl Fn(usize) -> bool + '_ {
     |i| r.brake_open[i] && !r.bypass_open[i]
 }
 
-fn values_mut(r: &mut Recording, channel: Channel) -> &mut [f64] {
+fn values_mut(r: &mut Recording, channel: Sensor) -> &mut [f64] {
     match channel {
-        Channel::Angle => &mut r.angle_deg,
-        Channel::Pressure1 => &mut r.pressure1_bar,
-        Channel::Pressure2 => &mut r.pressure2_bar,
-        Channel::Torque => &mut r.torque_nm,
-        Channel::Volume => &mut r.volume_ml,
+        Sensor::Angle => &mut r.angle_deg,
+        Sensor::Pressure1 => &mut r.pressure1_bar,
+        Sensor::Pressure2 => &mut r.pressure2_bar,
+        Sensor::Torque => &mut r.torque_nm,
+        Sensor::Volume => &mut r.volume_ml,
     }
 }
 
 /// Whole channels that show nothing.
 fn dead(entry: &RunEntry, r: &mut Recording) -> Vec<SetAside> {
-    use Channel::*;
-    let motion = Channel::ALL.map(|c| Motion::of(c.of(r), |_| true));
-    let of = |c: Channel| &motion[c as usize];
+    use Sensor::*;
+    let motion = Sensor::ALL.map(|c| Motion::of(c.of(r), |_| true));
+    let of = |c: Sensor| &motion[c as usize];
     // one reading a segment has no noise to be judged by: only a constant is flat
-    let constant = |c: Channel| of(c).blocks >= 4 && of(c).range == 0.0;
+    let constant = |c: Sensor| of(c).blocks >= 4 && of(c).range == 0.0;
     let drives = r.voltage_v.iter().any(|u| *u > 0.0) && r.voltage_v.iter().any(|u| *u < 0.0);
     // (channel, shows it, what else moves)
-    let suspects: Vec<(Channel, bool, Vec<Channel>)> = match entry.protocol {
+    let suspects: Vec<(Sensor, bool, Vec<Sensor>)> = match entry.protocol {
         Protocol::ConstantFlow | Protocol::SquareWave | Protocol::RandomSteps if drives => vec![
             (Angle, of(Angle).is_flat(), vec![Pressure1, Pressure2]),
             (Pressure1, of(Pressure1).is_flat(), vec![Angle, Pressure2]),
@@ -150,13 +184,13 @@ fn dead(entry: &RunEntry, r: &mut Recording) -> Vec<SetAside> {
         let shown = crate::noise::mean(channel.of(r).iter().copied()).0;
         let meanwhile =
             if moves.is_empty() { "the pump turns".into() } else { format!("{} moves", moves.join(" and ")) };
-        let held = if channel == Channel::Angle {
+        let held = if channel == Sensor::Angle {
             " (or the lever was held, and then the lever of this run is not free)"
         } else {
             ""
         };
         // the force sensor is no input, and a clamp-steps run is of use without it
-        let whole_run = !(channel == Channel::Torque && entry.protocol == Protocol::ClampSteps);
+        let whole_run = !(channel == Sensor::Torque && entry.protocol == Protocol::ClampSteps);
         values_mut(r, channel).fill(f64::NAN);
         out.push(SetAside {
             file: entry.file.clone(),
@@ -197,7 +231,7 @@ fn duplicated(entry: &RunEntry, r: &mut Recording) -> Vec<SetAside> {
     vec![SetAside {
         file: entry.file.clone(),
         fault: Fault::Duplicated,
-        channels: vec![Channel::Pressure1, Channel::Pressure2],
+        channels: vec![Sensor::Pressure1, Sensor::Pressure2],
         why: format!(
             "expected a pressure difference that moves with the pump or the lever, got one that stays within {:.4} bar while both pressures range over {:.3} bar: both columns show one sensor",
             difference.range, p1.range
@@ -213,7 +247,7 @@ fn stuck(entry: &RunEntry, r: &mut Recording) -> Vec<SetAside> {
     }
     let most = r.voltage_v.iter().fold(0.0f64, |m, u| m.max(u.abs()));
     let mut out = Vec::new();
-    for channel in [Channel::Angle, Channel::Pressure1, Channel::Pressure2] {
+    for channel in [Sensor::Angle, Sensor::Pressure1, Sensor::Pressure2] {
         let (first, end) = longest_constant(channel.of(r));
         if ((end - first) as f64) < STUCK_SHARE * r.len() as f64 {
             continue;
@@ -253,17 +287,17 @@ fn missing(values: &[f64]) -> f64 {
 
 /// Plateaus at the extreme value that the signal runs into at full speed.
 fn saturated(entry: &RunEntry, r: &mut Recording) -> Vec<SetAside> {
-    let channels: &[Channel] = match entry.protocol {
+    let channels: &[Sensor] = match entry.protocol {
         Protocol::PumpMap => &[],
-        Protocol::ClampSteps => &[Channel::Pressure1, Channel::Torque],
-        _ => &[Channel::Angle, Channel::Pressure1, Channel::Pressure2, Channel::Torque],
+        Protocol::ClampSteps => &[Sensor::Pressure1, Sensor::Torque],
+        _ => &[Sensor::Angle, Sensor::Pressure1, Sensor::Pressure2, Sensor::Torque],
     };
     let mut out = Vec::new();
     for &channel in channels {
         let values = channel.of(r);
         let (white, coarse) = (white_std(values).unwrap_or(0.0), step(values));
         // a coarse encoder without noise stands still at a stop of the lever, too
-        if channel == Channel::Angle && white < 0.3 * coarse {
+        if channel == Sensor::Angle && white < 0.3 * coarse {
             continue;
         }
         let noise = white.max(coarse);
