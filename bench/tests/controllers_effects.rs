@@ -58,7 +58,7 @@ fn a_known_zero_of_the_encoder_is_taken_out_of_the_target() {
 fn a_flow_comes_out_of_an_uneven_pump_as_it_was_asked_for() {
     let values = [0.3, 0.0, 0.0];
     let [with, without] =
-        both("pump_asymmetry", &values, Fixture::Clamped { angle_deg: 0.0 }, 2.0, |_| Target::FlowMlS(4.0));
+        both("pump_asymmetry", &values, Fixture::Clamped { angle_deg: 0.0 }, 0.5, |_| Target::FlowMlS(4.0));
     // eq. (10) at the voltage that was given, and what the effect adds to its drive for u > 0
     let p = Parameters::example().pump;
     let off = |s: &Sample| {
@@ -85,7 +85,7 @@ fn a_leak_is_made_up_for_by_the_feed_forward() {
 
 #[test]
 fn a_reference_is_followed_more_closely_where_the_chambers_are_known_to_differ() {
-    let (size, rate) = (15.0_f64, std::f64::consts::TAU * 0.25);
+    let (size, rate) = (6.0_f64, std::f64::consts::TAU * 0.15);
     let target = move |t: f64| Target::AngleDeg {
         angle_deg: size * (rate * t).sin(),
         velocity_deg_s: size * rate * (rate * t).cos(),

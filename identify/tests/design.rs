@@ -75,3 +75,23 @@ fn a_declared_effect_is_identified_with_the_base() {
     assert!(refitted.cost < 1.2 * campaign.targets() as f64, "{} of {}", refitted.cost, campaign.targets());
     assert!(base.cost > 1.5 * campaign.targets() as f64, "it mattered: {}", base.cost);
 }
+
+#[test]
+fn an_effect_that_no_run_provokes_is_said_to_be_out_of_reach() {
+    use identify::judged::{not_judged, said};
+    use identify::score::Scene;
+    let truth = Parameters::example();
+    let library = [find("brake_valve_lag").unwrap(), find("pump_lag").unwrap()];
+    let hidden = |seconds: f64| {
+        let campaign = problem(&[dynamic(&truth, None, seconds, 1)]);
+        let plain = rival(&campaign, &truth, &[]);
+        let scene = Scene::new(&campaign, &plain.fit).unwrap();
+        not_judged(&library, &campaign, &scene, 1.0)
+    };
+    // its first 5 s leave both valves alone
+    let short = hidden(5.0);
+    assert_eq!(short.iter().map(|h| h.id).collect::<Vec<_>>(), ["brake_valve_lag"]);
+    assert!(short[0].shows < 0.5 && short[0].needed.contains("pump-map"), "{:?}", short[0]);
+    assert!(said(&short).unwrap().contains("brake_valve_lag"));
+    assert!(hidden(20.0).is_empty() && said(&[]).is_none());
+}

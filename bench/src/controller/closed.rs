@@ -82,6 +82,14 @@ impl Around {
         }
     }
 
+    /// Flow that makes up for the leaks that the model knows, ml/s.
+    fn holding_ml_s(&self, oil: &Oil) -> f64 {
+        match self {
+            Around::Angle(_) => oil.holding_ml_s(),
+            Around::Pressure(pressure) => pressure.holding_ml_s(oil),
+        }
+    }
+
     /// Oil that the pump must have moved between two measurements, ml.
     fn moved_ml(&self, oil: &Oil, before: &Seen, seen: &Seen) -> f64 {
         match self {
@@ -144,7 +152,9 @@ impl ClosedLoops {
         let demand = around.demand(plant, settings, &Moment { now, seen, oil }, goal);
         let pi = match closed {
             Some(closed) => {
-                let moved_ml = around.moved_ml(&oil, &closed.before, seen);
+                // what the feed-forward makes up for is not learnt again
+                let known_ml_s = if settings.feed_forward { around.holding_ml_s(&oil) } else { 0.0 };
+                let moved_ml = around.moved_ml(&oil, &closed.before, seen) + known_ml_s * elapsed_s;
                 closed.pi.learn(elapsed_s, closed.delivered_ml_s, moved_ml, demand, rates);
                 closed.pi
             }

@@ -44,7 +44,7 @@ impl PressureLoop {
     }
 
     /// Flow that makes up for the leaks, ml/s.
-    fn holding_ml_s(&self, oil: &Oil) -> f64 {
+    pub fn holding_ml_s(&self, oil: &Oil) -> f64 {
         match self.of {
             ControlledPressure::Chamber1 => -oil.leaks_ml_s[0],
             ControlledPressure::Chamber2 => oil.leaks_ml_s[1],

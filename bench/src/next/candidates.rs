@@ -34,7 +34,12 @@ impl Candidate {
         let Candidate { about, head, lead, body, .. } = self;
         let mut text = format!("name = \"{name}\"\nrole = \"identify\"\nabout = \"{about}\"\n{head}{lead}");
         if self.grows {
-            let inner: String = body.replace("[[step", "[[step.step").replace("[step.", "[step.step.");
+            let deeper = |line: &str| match line {
+                "[[step]]" => "[[step.step]]\n".to_owned(),
+                "[step.random]" => "[step.step.random]\n".to_owned(),
+                line => format!("{line}\n"),
+            };
+            let inner: String = body.lines().map(deeper).collect();
             let _ = write!(text, "[[step]]\nrepeat = {passes}\n{inner}");
         } else {
             text.push_str(body);

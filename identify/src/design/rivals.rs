@@ -42,8 +42,8 @@ const MOST: usize = 4;
 const POSSIBLE: f64 = 0.02;
 /// An attribution below this probability is weak.
 const SURE: f64 = 0.95;
-/// A balance below this p-value leaves doubt where nothing was found.
-const DOUBT: f64 = 0.05;
+/// A balance below this p-value leaves doubt where nothing was found: 5 % over all four.
+const DOUBT: f64 = 0.0125;
 
 /// What a diagnosis leaves open; `None` where its verdict stands.
 pub fn question(d: &Diagnosis) -> Option<Question> {

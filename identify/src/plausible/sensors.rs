@@ -290,14 +290,16 @@ fn saturated(entry: &RunEntry, r: &mut Recording) -> Vec<SetAside> {
     let channels: &[Sensor] = match entry.protocol {
         Protocol::PumpMap => &[],
         Protocol::ClampSteps => &[Sensor::Pressure1, Sensor::Torque],
-        _ => &[Sensor::Angle, Sensor::Pressure1, Sensor::Pressure2, Sensor::Torque],
+        // a lever that is led stops where it is held
+        Protocol::TorqueMap | Protocol::VolumeMap => &[Sensor::Pressure1, Sensor::Pressure2, Sensor::Torque],
+        _ => &[Sensor::Angle, Sensor::Pressure1, Sensor::Pressure2],
     };
     let mut out = Vec::new();
     for &channel in channels {
         let values = channel.of(r);
         let (white, coarse) = (white_std(values).unwrap_or(0.0), step(values));
-        // a coarse encoder without noise stands still at a stop of the lever, too
-        if channel == Sensor::Angle && white < 0.3 * coarse {
+        // a coarse encoder stands still at a stop of the lever, too, unless its noise shows that it sees; steps alone look like 0.3
+        if channel == Sensor::Angle && white < 0.5 * coarse {
             continue;
         }
         let noise = white.max(coarse);
@@ -332,6 +334,8 @@ const REACH: f64 = 10.0;
 /// The second half of that way may take this many times as long as the first: 1 for a signal that is cut off, 1.9 for one that turns
 /// smoothly within one step of the sensor, more for one that comes to rest.
 const SLOWER: f64 = 1.5;
+/// By so many noises the signal would have gone on in half of the plateau; a sharp turn stands for a step or two.
+const BEYOND: f64 = 20.0;
 
 /// Rows of the plateaus at the largest (`side` = 1) or smallest (-1) value, where there are at least two, and the signal runs into
 /// them with a slope that does not end there.
@@ -347,14 +351,15 @@ fn clipped(values: &[f64], side: f64, noise: f64) -> Vec<usize> {
         }
         i = end.max(i + 1);
     }
-    let runs_on = |&(first, _): &(usize, usize)| {
+    let runs_on = |&(first, end): &(usize, usize)| {
         let below = |levels: f64, from: usize| {
             (0..from).rev().find(|&i| values[i].is_finite() && extreme - side * values[i] > levels * REACH * noise)
         };
         let Some(near) = below(1.0, first) else { return false };
         let Some(far) = below(2.0, near) else { return false };
         let (before, behind) = ((near - far) as f64, (first - near) as f64);
-        behind + before >= 3.0 && behind <= SLOWER * before
+        let beyond = REACH / before * (end - first) as f64 / 2.0;
+        behind + before >= 3.0 && behind <= SLOWER * before && beyond >= BEYOND
     };
     let hits = plateaus.iter().filter(|p| runs_on(p)).count();
     if hits < 2 || hits * 2 < plateaus.len() {
