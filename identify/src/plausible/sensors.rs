@@ -303,8 +303,15 @@ fn saturated(entry: &RunEntry, r: &mut Recording) -> Vec<SetAside> {
             continue;
         }
         let noise = white.max(coarse);
+        let long = if coarse == 0.0 {
+            PLATEAU
+        } else if white >= 0.5 * coarse {
+            DITHERED
+        } else {
+            usize::MAX
+        };
         for (side, word) in [(1.0, "above"), (-1.0, "below")] {
-            let rows = clipped(channel.of(r), side, noise);
+            let rows = clipped(channel.of(r), side, noise, long);
             if rows.is_empty() {
                 continue;
             }
@@ -329,6 +336,8 @@ fn saturated(entry: &RunEntry, r: &mut Recording) -> Vec<SetAside> {
 
 /// A plateau has this many rows at least.
 const PLATEAU: usize = 5;
+/// So many equal values of a sensor whose noise dithers its steps are no chance: at its largest value it is in the tail of the noise.
+const DITHERED: usize = 30;
 /// The way into a plateau is judged over twice this many noises.
 const REACH: f64 = 10.0;
 /// The second half of that way may take this many times as long as the first: 1 for a signal that is cut off, 1.9 for one that turns
@@ -337,9 +346,9 @@ const SLOWER: f64 = 1.5;
 /// By so many noises the signal would have gone on in half of the plateau; a sharp turn stands for a step or two.
 const BEYOND: f64 = 20.0;
 
-/// Rows of the plateaus at the largest (`side` = 1) or smallest (-1) value, where there are at least two, and the signal runs into
-/// them with a slope that does not end there.
-fn clipped(values: &[f64], side: f64, noise: f64) -> Vec<usize> {
+/// Rows of the plateaus at the largest (`side` = 1) or smallest (-1) value, where there are at least two, and they are `long`, or the
+/// signal runs into them with a slope that does not end there.
+fn clipped(values: &[f64], side: f64, noise: f64, long: usize) -> Vec<usize> {
     let extreme = values.iter().filter(|v| v.is_finite()).fold(f64::NEG_INFINITY, |m, v| m.max(side * v));
     let at = |i: usize| values[i].is_finite() && side * values[i] == extreme;
     let mut plateaus: Vec<(usize, usize)> = Vec::new();
@@ -352,6 +361,9 @@ fn clipped(values: &[f64], side: f64, noise: f64) -> Vec<usize> {
         i = end.max(i + 1);
     }
     let runs_on = |&(first, end): &(usize, usize)| {
+        if end - first >= long {
+            return true;
+        }
         let below = |levels: f64, from: usize| {
             (0..from).rev().find(|&i| values[i].is_finite() && extreme - side * values[i] > levels * REACH * noise)
         };
@@ -388,10 +400,10 @@ mod tests {
     fn a_clipped_wave_is_found_and_a_smooth_one_is_not_whatever_its_steps() {
         for (noise, coarse) in [(0.006, 0.0), (0.006, 0.02), (0.0, 0.02), (0.0, 0.1), (0.02, 0.005)] {
             let values = wave(20_000, noise, coarse);
-            assert!(clipped(&values, 1.0, noise.max(coarse)).is_empty(), "{noise} {coarse}");
+            assert!(clipped(&values, 1.0, noise.max(coarse), usize::MAX).is_empty(), "{noise} {coarse}");
             let cut: Vec<f64> = values.iter().map(|v| v.min(4.0)).collect();
-            assert!(clipped(&cut, 1.0, noise.max(coarse)).len() > 3000, "{noise} {coarse}");
-            assert!(clipped(&cut, -1.0, noise.max(coarse)).is_empty(), "{noise} {coarse}");
+            assert!(clipped(&cut, 1.0, noise.max(coarse), usize::MAX).len() > 3000, "{noise} {coarse}");
+            assert!(clipped(&cut, -1.0, noise.max(coarse), usize::MAX).is_empty(), "{noise} {coarse}");
         }
     }
 
@@ -404,6 +416,6 @@ mod tests {
                 ((3.0 + (1.0 - (-t * 3.0).exp())) / 0.02).round() * 0.02
             })
             .collect();
-        assert!(clipped(&values, 1.0, 0.02).is_empty());
+        assert!(clipped(&values, 1.0, 0.02, usize::MAX).is_empty());
     }
 }
