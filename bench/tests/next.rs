@@ -2,7 +2,16 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that can't go on fails")]
 
+use bench::blind::rig::{Truth, draw};
+use bench::blind::runs::record;
 use bench::next::candidates::{Room, candidates};
+use bench::next::{design_for, play};
+use bench::progress::Progress;
+use bench::rig_file::Rig;
+use identify::design::{Question, Rival};
+use identify::fit::{Effort, fit};
+use identify::identification::identify;
+use model::effects::find;
 use profiles::{Context, Hands, Script};
 use std::process::{Command, Output};
 
@@ -53,4 +62,45 @@ fn auto_needs_an_emulated_rig_and_a_budget() {
     let output = bench(&["diagnose", folder, "--auto"]);
     let said = String::from_utf8(output.stderr).unwrap();
     assert!(output.status.code() == Some(2) && said.contains("nothing is overwritten"), "{said}");
+}
+
+#[test]
+fn the_run_that_is_proposed_separates_the_rivals_and_trips_on_neither() {
+    // one horizontal run with a tilted plane: an encoder whose zero is off does nearly the same there
+    let drawn = draw(11, 5, 0);
+    let effects = vec![(find("tilt").unwrap(), vec![0.0, 0.1])];
+    let recorded = record(&Truth { parameters: drawn.parameters, effects }, &drawn, 11, 5).unwrap();
+    let mut loaded = recorded.loaded;
+    loaded.runs.retain(|r| r.entry.file.starts_with("random_a") || r.entry.file.starts_with("pump_map"));
+    loaded.campaign.runs = loaded.runs.iter().map(|r| r.entry.clone()).collect();
+    let identified = identify(&loaded, &|_| {}).unwrap();
+    let problem = identified.problem.shortened(20.0);
+    let rivals: Vec<Rival> = [("tilt", vec![0.0, 0.05]), ("angle_offset", vec![0.3])]
+        .into_iter()
+        .map(|(id, values)| {
+            let layout = identified.fit.layout.with(find(id).unwrap());
+            let mut point = identified.fit.point.clone();
+            point.theta.extend(values);
+            let fit = fit(&problem, &layout, point, Effort { iterations: 6, ..Effort::default() }).unwrap();
+            Rival { ids: vec![find(id).unwrap().header().id], probability: 0.5, fit }
+        })
+        .collect();
+    let mut rig = Rig::read(None).unwrap();
+    rig.facts = loaded.campaign.rig;
+    rig.limits.voltage_max_v = rig.facts.u_max_v * (1.0 + 1e-9);
+    let sets = rivals.iter().map(|r| (r.ids.clone(), 0.5)).collect();
+    let room = Room::of(&loaded, &rig.limits);
+    let progress = Progress::for_stderr();
+    let designed = design_for(&problem, &rivals, &Question::Which(sets), &room, &rig, "next_1", &progress).unwrap();
+    let text = designed.script.unwrap_or_else(|| panic!("{}", designed.said));
+    let run = designed.run.unwrap();
+    println!("{}", designed.said);
+    assert!(run.separates.len() == 1 && run.separates[0].standard_errors > 1.0, "{run:?}");
+    assert!(run.separates[0].between == ["tilt", "angle_offset"] && run.seconds < 400.0, "{run:?}");
+    let script = Script::parse(&text, "next.toml").unwrap();
+    for rival in &rivals {
+        let (prediction, recording) = play::play(&script, &rig, &play::as_plant(rival), 1).unwrap();
+        prediction.judge(&script).unwrap();
+        assert!(recording.len() > 1000);
+    }
 }

@@ -55,19 +55,37 @@ pub fn design(
     let Some(diagnosis) = &analysis.diagnosis else { return Ok(None) };
     let Some(question) = question(diagnosis) else { return Ok(None) };
     let internal = |e: model::integrate::SimulationError| Failure::new(Kind::Internal, format!("rivals: {e}"));
-    let step = progress.step("next run", 0);
+    let step = progress.step("rivals", 0);
     let all = rivals(&analysis.identified, diagnosis, &question, &|text| progress.say(text)).map_err(internal)?;
+    step.done(&format!("{} rivals fitted", all.len()));
     if all.len() < 2 {
-        step.finish();
         return Ok(None);
     }
-    let campaign = &analysis.identified.problem;
+    let room = Room::of(loaded, &rig.limits);
+    design_for(&analysis.identified.problem, &all, &question, &room, rig, name, progress).map(Some)
+}
+
+/// The run out of all on offer within `room` that tells these rivals apart, the first against each of the others.
+///
+/// # Errors
+/// A rival can't be simulated on the campaign it was fitted to (1).
+pub fn design_for(
+    campaign: &Problem,
+    all: &[Rival],
+    question: &Question,
+    room: &Room,
+    rig: &Rig,
+    name: &str,
+    progress: &Progress,
+) -> Result<Designed, Failure> {
+    let internal = |e: model::integrate::SimulationError| Failure::new(Kind::Internal, format!("rivals: {e}"));
+    let step = progress.step("next run", 0);
     let hypotheses: Vec<Hypothesis> = all
         .iter()
         .map(|rival| Ok(Hypothesis { prior: Prior::of(campaign, rival)?, plant: as_plant(rival) }))
         .collect::<Result<_, _>>()
         .map_err(internal)?;
-    let on_offer = candidates(&Room::of(loaded, &rig.limits));
+    let on_offer = candidates(room);
     let tried: Vec<Tried> = on_offer
         .par_iter()
         .with_max_len(1)
@@ -80,10 +98,10 @@ pub fn design(
         at_length.or_else(|| Tried::of(tried[n].candidate, tried[n].candidate.passes, name, rig, campaign, &hypotheses))
     });
     step.done(&format!("{} of {} runs on offer stay within the limits on every rival", tried.len(), on_offer.len()));
-    Ok(Some(match chosen {
-        Some(tried) => tried.designed(&all, &question),
-        None => nothing(&all, &offers, &tried),
-    }))
+    Ok(match chosen {
+        Some(tried) => tried.designed(all, question),
+        None => nothing(all, &offers, &tried),
+    })
 }
 
 /// A candidate that was played on every rival.

@@ -4,7 +4,7 @@
 //! |---|---|
 //! | [`candidates`] | the scripts on offer: the paper's experiments with other amplitudes, planes, fillings, rests and valves |
 //! | [`play`] | what such a run would record, if a rival were the rig |
-//! | [`design`] | the choice, by `identify::design` |
+//! | [`mod@design`] | the choice, by `identify::design` |
 //! | [`auto`] | recording it on an emulated rig and diagnosing again |
 
 pub mod auto;
@@ -12,7 +12,7 @@ pub mod candidates;
 pub mod design;
 pub mod play;
 
-pub use design::{Designed, design};
+pub use design::{Designed, design, design_for};
 
 /// Name of the script in the folder of the results.
 pub const NEXT_FILE: &str = "next.toml";

@@ -344,7 +344,7 @@ const REACH: f64 = 10.0;
 /// smoothly within one step of the sensor, more for one that comes to rest.
 const SLOWER: f64 = 1.5;
 /// By so many noises the signal would have gone on in half of the plateau; a sharp turn stands for a step or two.
-const BEYOND: f64 = 20.0;
+const BEYOND: f64 = 8.0;
 
 /// Rows of the plateaus at the largest (`side` = 1) or smallest (-1) value, where there are at least two, and they are `long`, or the
 /// signal runs into them with a slope that does not end there.
