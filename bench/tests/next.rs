@@ -4,6 +4,7 @@
 
 use bench::blind::rig::{Truth, draw};
 use bench::blind::runs::record;
+use bench::next::auto::Extended;
 use bench::next::candidates::{Room, candidates};
 use bench::next::{design_for, play};
 use bench::progress::Progress;
@@ -13,6 +14,7 @@ use identify::fit::{Effort, fit};
 use identify::identification::identify;
 use model::effects::find;
 use profiles::{Context, Hands, Script};
+use recordings::{Campaign, Role};
 use std::process::{Command, Output};
 
 fn bench(arguments: &[&str]) -> Output {
@@ -103,4 +105,32 @@ fn the_run_that_is_proposed_separates_the_rivals_and_trips_on_neither() {
         prediction.judge(&script).unwrap();
         assert!(recording.len() > 1000);
     }
+}
+
+#[test]
+fn a_further_run_is_added_to_a_copy_and_the_campaign_is_not_touched() {
+    let dir = tempfile::tempdir().unwrap();
+    let (own, copy) = (dir.path().join("own"), dir.path().join("copy"));
+    std::fs::create_dir(&own).unwrap();
+    let text = "format = 1\nname = \"n\"\n[rig]\nJ = 0.085\nG = 4.0\nu_max = 24.0\n[[run]]\nfile = \"a.csv\"\n\
+                protocol = \"random-steps\"\nrole = \"validate\"\nplane = \"horizontal\"\n";
+    std::fs::write(own.join("campaign.toml"), text).unwrap();
+    std::fs::write(own.join("a.csv"), "as it was").unwrap();
+    let begun = Campaign::open(&own).unwrap();
+    let rig = Rig::read(None).unwrap();
+    let room = Room { turn_deg: 20.0, fill_bar: 2.8, fills_bar: (2.0, 3.5) };
+    let script = candidates(&room)[0].script("next_1", 1);
+    let mut extended = Extended::begin(&begun, &copy).unwrap();
+    let seconds = extended.record(&script, &rig, 1, &Progress::for_stderr()).unwrap();
+    assert!((2.0..60.0).contains(&seconds), "{seconds}");
+    let grown = Campaign::open(&copy).unwrap();
+    assert_eq!(
+        grown.runs.iter().map(|r| (r.file.as_str(), r.role)).collect::<Vec<_>>(),
+        [("a.csv", Role::Validate), ("next_1.mcap", Role::Identify)]
+    );
+    let recording = grown.read(&grown.runs[1]).unwrap();
+    assert!((recording.len() as f64 - 1000.0 * seconds).abs() < 1.5, "{} rows", recording.len());
+    assert_eq!(std::fs::read_to_string(own.join("campaign.toml")).unwrap(), text);
+    assert_eq!(std::fs::read_to_string(copy.join("a.csv")).unwrap(), "as it was");
+    assert_eq!(std::fs::read_dir(&own).unwrap().count(), 2);
 }
