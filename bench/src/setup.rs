@@ -47,7 +47,7 @@ impl Knowledge {
             Knowledge::Pump(model) => PumpController::with_pump(model.parameters.pump),
             Knowledge::Model(model, settings) => {
                 let settings = LoopSettings { vertical: plane == Plane::Vertical, ..*settings };
-                PumpController::with_model(&model.parameters, settings).map_err(|e| Failure::of(Kind::Input, &e))?
+                PumpController::with_effects(model, settings).map_err(|e| Failure::of(Kind::Input, &e))?
             }
         };
         Ok(Box::new(controller))

@@ -205,6 +205,58 @@ fn results_that_can_t_be_written_are_refused_before_the_work() {
     assert_eq!(fs::read_to_string(&out).expect("still there"), "a file");
 }
 
+/// Changes one column of a run, row by row.
+fn column(dir: &TempDir, file: &str, column: usize, change: impl Fn(f64) -> f64) {
+    edit(dir, file, |text| {
+        let mut lines = text.lines();
+        let head = lines.next().expect("a header").to_owned() + "\n";
+        let change = |line: &str| {
+            let mut fields: Vec<String> = line.split(',').map(str::to_owned).collect();
+            let value: f64 = fields[column - 1].parse().expect("a number");
+            fields[column - 1] = change(value).to_string();
+            fields.join(",") + "\n"
+        };
+        lines.fold(head, |text, line| text + &change(line))
+    });
+}
+
+#[test]
+fn wrong_units_and_exchanged_columns_are_refused_with_the_likely_cause() {
+    let dir = campaign(8.0);
+    column(&dir, "a.csv", 4, |bar| bar * 1e5);
+    refused(&dir, &["a.csv", "pressure1_bar", "bar absolute", "in Pa", "1e-5"]);
+
+    let dir = campaign(8.0);
+    column(&dir, "b.csv", 2, |v| v * 1e3);
+    refused(&dir, &["b.csv", "voltage_v", "u_max", "mV"]);
+
+    let dir = campaign(8.0);
+    for file in ["a.csv", "b.csv"] {
+        edit(&dir, file, |text| text.replacen("pressure1_bar,pressure2_bar", "pressure2_bar,pressure1_bar", 1));
+    }
+    refused(&dir, &["a.csv", "pressure1_bar, pressure2_bar", "exchanged"]);
+
+    let dir = campaign(8.0);
+    for file in ["a.csv", "b.csv"] {
+        column(&dir, file, 3, |deg| -deg);
+    }
+    refused(&dir, &["a.csv", "angle_deg", "inverted"]);
+
+    let dir = campaign(8.0);
+    edit(&dir, "a.csv", |text| {
+        let twice = |(n, line): (usize, &str)| format!("{line}\n").repeat(if n == 50 { 2 } else { 1 });
+        text.lines().enumerate().map(twice).collect()
+    });
+    refused(&dir, &["a.csv", "line 52", "time_s", "repeated"]);
+}
+
+#[test]
+fn a_broken_sensor_of_the_only_run_is_the_error() {
+    let dir = campaign(8.0);
+    column(&dir, "a.csv", 5, |_| 2.8);
+    refused(&dir, &["a.csv", "pressure2_bar", "identify", "no effect of the plant"]);
+}
+
 #[test]
 fn a_small_campaign_is_identified_and_what_it_can_t_tell_is_said() {
     let dir = campaign(16.0);

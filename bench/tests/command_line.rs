@@ -223,3 +223,9 @@ fn effects_act_only_when_asked_for() {
     assert!(said.contains("without tilt"), "what is left out is said: {said}");
     assert_ne!(simulate("with.toml", &["--with-effects"]).0, plain);
 }
+
+#[test]
+fn info_of_a_csv_run_names_the_import() {
+    let dir = folder(&[("a.csv", run_csv(1.0).as_bytes())]);
+    refused(&["info", text(&dir.path().join("a.csv"))], 2, &["a.csv", "bench import", "--protocol"]);
+}

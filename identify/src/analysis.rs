@@ -3,14 +3,18 @@
 use std::path::{Path, PathBuf};
 
 use model::ModelFile;
+use model::effects::{Effect, LIBRARY};
 use model::integrate::SimulationError;
 
 use crate::consistency::{Check, Material, checks};
-use crate::diagnose::{Diagnosis, Verdict, diagnose};
+use crate::declared::Declared;
+use crate::diagnose::{Diagnosis, Verdict, diagnose, diagnose_with};
 use crate::figure::{Figure, Table};
 use crate::figures::{self, Subject};
-use crate::findings::Findings;
-use crate::identification::{Identified, IdentifyError, Loaded, identify_as};
+use crate::findings::{Findings, Unused};
+use crate::fit::Effort;
+use crate::identification::{Identified, IdentifyError, Loaded, PROMISE, identify_as};
+use crate::judged::{self, not_judged};
 use crate::model_file::{declared_fit, model_file};
 use crate::rank::rank;
 use crate::report::Report;
@@ -28,9 +32,10 @@ pub const REPORT_FILE: &str = "report.json";
 pub const FINDINGS_FILE: &str = "findings.json";
 
 /// How far an analysis goes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Depth {
     /// Identification and free-run validation of the reference model.
+    #[default]
     Identification,
     /// And the diagnosis of what it leaves.
     Diagnosis,
@@ -91,18 +96,38 @@ pub fn analyse_as(
     form: TorqueForm,
     progress: &dyn Fn(&str),
 ) -> Result<Analysis, IdentifyError> {
+    analyse_from(loaded, depth, form, None, progress)
+}
+
+/// As [`analyse_as`], with the effects of a declared model as part of the model that is identified. The diagnosis proposes others.
+///
+/// # Errors
+/// As there.
+pub fn analyse_from(
+    loaded: &Loaded,
+    depth: Depth,
+    form: TorqueForm,
+    declared: Option<&Declared>,
+    progress: &dyn Fn(&str),
+) -> Result<Analysis, IdentifyError> {
     let prepared = prepare_validation(loaded)?;
     let simulation = |what: &str| {
         let what = what.to_string();
         move |source| IdentifyError::Simulation { what, source }
     };
-    let identified = identify_as(loaded, form, progress)?;
-    let diagnosis = match depth {
-        Depth::Identification => None,
-        Depth::Diagnosis => {
-            Some(diagnose(&identified, progress).map_err(simulation("the identify runs during the diagnosis"))?)
-        }
+    let mut identified = identify_as(loaded, form, progress)?;
+    if let Some(declared) = declared.filter(|d| !d.effects.is_empty()) {
+        let effort = Effort { iterations: 20, tolerance: 1e-6, promise: PROMISE, ..Effort::default() };
+        let refitted = declared.refit(&identified.problem, &identified.fit, effort);
+        identified.fit = refitted.map_err(simulation("the identify runs with the declared effects"))?;
+        progress("joint fit with the declared effects");
+    }
+    let diagnosis = match (depth, declared) {
+        (Depth::Identification, _) => None,
+        (Depth::Diagnosis, None) => Some(diagnose(&identified, progress)),
+        (Depth::Diagnosis, Some(declared)) => Some(diagnose_with(&declared.open(), &identified, progress)),
     };
+    let diagnosis = diagnosis.transpose().map_err(simulation("the identify runs during the diagnosis"))?;
 
     let analysis = conclude(loaded, prepared, identified, diagnosis).map_err(simulation("the identify runs"))?;
     progress("validation runs simulated, figures and tables made");
@@ -131,6 +156,11 @@ pub fn conclude(
         None => Scene::new(problem, &identified.fit)?,
     };
     let uncertainty = Uncertainty::of_linear(problem, &identified.fit, &scene.pieces, &scene.normal);
+    let carried =
+        |e: &&&'static dyn Effect| !identified.fit.layout.effects.iter().any(|c| c.header().id == e.header().id);
+    let open: Vec<&'static dyn Effect> = LIBRARY.iter().filter(carried).copied().collect();
+    let misfit = identified.fit.cost / problem.targets().max(1) as f64;
+    let hidden = if diagnosis.is_some() { not_judged(&open, problem, &scene, misfit) } else { Vec::new() };
     let (rank, checks) = {
         let material = Material { loaded, identified: &identified, uncertainty: &uncertainty, scene: &scene };
         let (rank, checks) = rayon::join(|| rank(problem, &identified.fit, &scene.normal), || checks(&material));
@@ -151,7 +181,11 @@ pub fn conclude(
     };
     let model = model_file(loaded, &identified, verdict, declared, own);
     let campaign = loaded.campaign.name.clone();
-    let findings = diagnosis.as_ref().map(|d| Findings::of(&campaign, d, &validation));
+    let findings = diagnosis.as_ref().map(|d| Findings {
+        not_judged: hidden.clone(),
+        set_aside: loaded.set_aside.iter().map(Unused::of).collect(),
+        ..Findings::of(&campaign, d, &validation)
+    });
     let subject = Subject {
         loaded,
         identified: &identified,
@@ -164,8 +198,13 @@ pub fn conclude(
         rank: &rank,
         whiteness: &whiteness,
     };
-    let (figures, tables) = (figures::figures(&subject), figures::tables(&subject));
-    let headline = figures::headline(&subject);
+    let (figures, mut tables) = (figures::figures(&subject), figures::tables(&subject));
+    if !hidden.is_empty() {
+        tables.push(judged::table(&hidden));
+    }
+    let mut headline = figures::headline(&subject);
+    headline.extend(judged::said(&hidden));
+    headline.extend(loaded.set_aside.iter().map(|s| format!("{}: {}.", s.file, s.said())));
     let report = Report::of(&subject, &headline);
     Ok(Analysis {
         campaign,

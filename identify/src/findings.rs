@@ -3,6 +3,8 @@
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
 use crate::diagnose::{Added, Diagnosis, Ranked, Verdict};
+use crate::judged::NotJudged;
+use crate::plausible::SetAside;
 use crate::validate::ValidatedRun;
 
 /// The id of an effect that the library does not have.
@@ -27,6 +29,71 @@ pub struct Findings {
     pub validation: Vec<Validation>,
     /// The run that would tell the leading candidates apart.
     pub next_experiment: Option<String>,
+    /// That run in numbers, where it was designed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub next_run: Option<NextRun>,
+    /// Effects of the library that the campaign's runs say nothing about.
+    pub not_judged: Vec<NotJudged>,
+    /// Sensors that were not used.
+    pub set_aside: Vec<Unused>,
+}
+
+/// The run that would settle what is open.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct NextRun {
+    /// The script, beside this file.
+    pub file: String,
+    /// What it does.
+    pub about: String,
+    /// Protocol of the campaign format.
+    pub protocol: String,
+    /// `horizontal` or `vertical`.
+    pub plane: String,
+    /// Rig time, s.
+    pub seconds: f64,
+    /// What it is expected to tell apart.
+    pub separates: Vec<Separates>,
+    /// Why this one.
+    pub why: String,
+}
+
+/// A pair of rivals.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct Separates {
+    /// The two.
+    pub between: [String; 2],
+    /// Expected significance of the better fit of the true one, whichever that is, standard errors.
+    pub standard_errors: f64,
+    /// RMS of the difference that no refit takes up, noise floors.
+    pub noise_floors: f64,
+}
+
+/// A sensor that was not used.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct Unused {
+    /// File of the run.
+    pub run: String,
+    /// Columns.
+    pub channels: Vec<&'static str>,
+    /// `dead`, `saturated` or `duplicated`.
+    pub fault: &'static str,
+    /// Expected and got.
+    pub why: String,
+    /// The whole run was left out.
+    pub whole_run: bool,
+}
+
+impl Unused {
+    /// Of what was set aside.
+    pub fn of(s: &SetAside) -> Self {
+        Unused {
+            run: s.file.clone(),
+            channels: s.channels.iter().map(|c| c.column()).collect(),
+            fault: s.fault.as_str(),
+            why: s.why.clone(),
+            whole_run: s.whole_run,
+        }
+    }
 }
 
 /// An effect that was added.
@@ -135,6 +202,9 @@ impl Findings {
             balances: Named(balances),
             validation: validation.filter(|v| v.rmse_before.is_finite() && v.rmse_after.is_finite()).collect(),
             next_experiment: diagnosis.next_experiment.clone(),
+            next_run: None,
+            not_judged: Vec::new(),
+            set_aside: Vec::new(),
         }
     }
 

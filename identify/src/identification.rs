@@ -24,6 +24,9 @@ pub enum IdentifyError {
     /// A run can't be used.
     #[error(transparent)]
     Unusable(#[from] Unusable),
+    /// A recording can't be what its columns say.
+    #[error(transparent)]
+    Implausible(#[from] crate::plausible::Implausible),
     /// The campaign lacks runs.
     #[error("{campaign}: {why}")]
     Missing {
@@ -208,7 +211,7 @@ fn bypass_by_scan(problem: &Problem, layout: &Layout, p: &mut Parameters) {
 }
 
 /// What a next step may still promise at the end of the joint fit, noise variances: see [`Effort::promise`].
-const PROMISE: f64 = 0.01;
+pub(crate) const PROMISE: f64 = 0.01;
 
 /// From this correlation on two parameters are told as a combination.
 const BOUND: f64 = 0.95;

@@ -5,6 +5,7 @@ use recordings::{Campaign, Protocol, Recording, Role, RunEntry};
 use crate::corruption::{Corruption, clean};
 use crate::identification::IdentifyError;
 use crate::noise::{median, white_std};
+use crate::plausible::{SetAside, examine};
 use crate::prepare::{Channel, stretches};
 use crate::problem::Problem;
 
@@ -28,6 +29,8 @@ pub struct Loaded {
     pub campaign: Campaign,
     /// In the order of the campaign.
     pub runs: Vec<LoadedRun>,
+    /// Sensors that are not used, and runs that are of no use without them; those are no runs of the campaign here.
+    pub set_aside: Vec<SetAside>,
 }
 
 impl Loaded {
@@ -36,10 +39,12 @@ impl Loaded {
         Loaded::of(Campaign::open(dir)?)
     }
 
-    /// Reads every run that the campaign names, which may be fewer than its folder holds.
-    pub fn of(campaign: Campaign) -> Result<Loaded, IdentifyError> {
-        let recordings = campaign.runs.iter().map(|entry| campaign.read(entry)).collect::<Result<_, _>>()?;
-        Ok(Loaded::from_recordings(campaign, recordings))
+    /// Reads every run that the campaign names, which may be fewer than its folder holds, and examines whether its columns can be
+    /// what they say ([`examine`]).
+    pub fn of(mut campaign: Campaign) -> Result<Loaded, IdentifyError> {
+        let mut recordings = campaign.runs.iter().map(|entry| campaign.read(entry)).collect::<Result<_, _>>()?;
+        let set_aside = examine(&mut campaign, &mut recordings)?;
+        Ok(Loaded { set_aside, ..Loaded::from_recordings(campaign, recordings) })
     }
 
     /// Of recordings in the order of the campaign's runs. What no sensor can mean becomes missing.
@@ -56,7 +61,7 @@ impl Loaded {
                 Channel::ALL.map(|c| if c == Channel::Volume { 0.0 } else { crate::noise::step(c.of(&recording)) });
             runs.push(LoadedRun { entry: entry.clone(), recording, corruption, noise, step });
         }
-        Loaded { campaign, runs }
+        Loaded { campaign, runs, set_aside: Vec::new() }
     }
 
     /// Stretches and weights of the runs with this role.

@@ -1,12 +1,19 @@
-//! `bench diagnose DIR [--out OUT]`
+//! `bench diagnose DIR [--out OUT] [--model MODEL.toml] [--rig RIG.toml] [--auto]`
 
-use super::results::analyse_folder;
-use crate::failure::Failure;
+use super::results::{Wanted, analyse_with};
+use crate::failure::{Failure, Kind};
+use crate::next::auto::{Auto, Budget};
 use crate::progress::Progress;
+use crate::rig_file::Rig;
 use identify::analysis::Depth;
+use identify::torque_form::TorqueForm;
+use model::ModelFile;
 use std::path::PathBuf;
 
 /// Identify, find the residual, name the effect: model.toml, findings.json and report.html
+///
+/// Where the verdict leaves something open, next.toml is the run that would settle it. With --auto an emulated rig makes that run, and the
+/// diagnosis is repeated until its verdict stands (exit code 0) or the budget is spent (3).
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Campaign folder with campaign.toml
@@ -14,8 +21,39 @@ pub struct Args {
     /// Where the results go [default: DIR/analysis]
     #[arg(long)]
     out: Option<PathBuf>,
+    /// Model whose effects ([[effect]]) are part of the declared model; others are looked for
+    #[arg(long, value_name = "MODEL.toml")]
+    model: Option<PathBuf>,
+    /// Rig of the next run: its limits, and with --auto its device [default: limits as recorded; with --auto the rig of a demo's folder]
+    #[arg(long)]
+    rig: Option<PathBuf>,
+    /// Make the next run on the emulated rig, add it to a copy of the campaign, diagnose again
+    #[arg(long)]
+    auto: bool,
+    /// With --auto: rig time of all further runs at most, minutes
+    #[arg(long, default_value_t = 15.0, requires = "auto")]
+    budget_min: f64,
+    /// With --auto: further runs at most
+    #[arg(long, default_value_t = 4, requires = "auto")]
+    most_runs: usize,
+    /// With --auto: seed of the emulated sensors
+    #[arg(long, default_value_t = 1, requires = "auto")]
+    seed: u64,
 }
 
 pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
-    analyse_folder(&args.dir, args.out.as_deref(), Depth::Diagnosis, progress).map(drop)
+    let declared = args.model.as_deref().map(ModelFile::read).transpose().map_err(|e| Failure::of(Kind::Input, &e))?;
+    if !args.auto {
+        let rig = args.rig.as_deref().map(|path| Rig::read(Some(path))).transpose()?;
+        let wanted = Wanted {
+            depth: Depth::Diagnosis,
+            form: TorqueForm::default(),
+            declared: declared.as_ref(),
+            rig: rig.as_ref(),
+        };
+        return analyse_with(&args.dir, args.out.as_deref(), &wanted, progress).map(drop);
+    }
+    let budget = Budget::new(args.budget_min, args.most_runs)?;
+    let auto = Auto { dir: &args.dir, out: args.out.as_deref(), declared: declared.as_ref(), budget, seed: args.seed };
+    auto.run(args.rig.as_deref(), progress)
 }

@@ -1,10 +1,11 @@
-//! `bench identify DIR [--out OUT] [--torque FORM]`
+//! `bench identify DIR [--out OUT] [--torque FORM] [--model MODEL.toml]`
 
-use super::results::analyse_folder_as;
-use crate::failure::Failure;
+use super::results::{Wanted, analyse_with};
+use crate::failure::{Failure, Kind};
 use crate::progress::Progress;
 use identify::analysis::Depth;
 use identify::torque_form::TorqueForm;
+use model::ModelFile;
 use std::path::PathBuf;
 
 /// Identify the model from a campaign folder: model.toml, report.html and its twin report.json
@@ -18,8 +19,14 @@ pub struct Args {
     /// Torque characteristic: eq. (2), or its third order after eq. (1), compared with eq. (2) in the report
     #[arg(long, value_name = "eq2|third-order", default_value = "eq2")]
     torque: TorqueForm,
+    /// Model whose effects ([[effect]]) are part of what is identified; its values are where they begin
+    #[arg(long, value_name = "MODEL.toml")]
+    model: Option<PathBuf>,
 }
 
 pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
-    analyse_folder_as(&args.dir, args.out.as_deref(), Depth::Identification, args.torque, progress).map(drop)
+    let declared = args.model.as_deref().map(ModelFile::read).transpose().map_err(|e| Failure::of(Kind::Input, &e))?;
+    let wanted =
+        Wanted { depth: Depth::Identification, form: args.torque, declared: declared.as_ref(), ..Wanted::default() };
+    analyse_with(&args.dir, args.out.as_deref(), &wanted, progress).map(drop)
 }

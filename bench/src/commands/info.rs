@@ -75,6 +75,13 @@ fn files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
     let mut files = Vec::new();
     for path in paths {
         if !path.is_dir() {
+            let name = path.to_string_lossy();
+            if path.exists() && (name.ends_with(".csv") || name.ends_with(".csv.gz")) {
+                let message = format!(
+                    "{name}: expected a recording (.mcap), got a CSV run; `bench import {name} --protocol P --role R --plane P --out RUN.mcap` makes a recording of it"
+                );
+                return Err(Failure::new(Kind::Input, message));
+            }
             files.push(path.clone());
             continue;
         }

@@ -1,12 +1,21 @@
 //! What `identify`, `diagnose` and `demo` have in common: reading, analysing, leaving the results, saying them.
 
 use crate::failure::{Failure, Kind};
+use crate::next::{Designed, NEXT_FILE, design};
 use crate::progress::Progress;
 use crate::report::{Report, render};
-use identify::analysis::{Analysis, Depth, WriteError, analyse_as, write_whole};
+use crate::rig_file::RIG_FILE;
+use crate::rig_file::Rig;
+use crate::setup::Knowledge;
+use crate::simulation::added_effects;
+use identify::analysis::{Analysis, Depth, WriteError, analyse_from, write_whole};
+use identify::declared::Declared;
 use identify::figures::text::number;
 use identify::identification::{IdentifyError, Loaded};
 use identify::torque_form::TorqueForm;
+use model::ModelFile;
+use model::effects::find;
+use recordings::McapReader;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -27,6 +36,34 @@ pub fn analyse_folder_as(
     form: TorqueForm,
     progress: &Progress,
 ) -> Result<Analysis, Failure> {
+    analyse_with(dir, out, &Wanted { depth, form, ..Wanted::default() }, progress).map(|r| r.analysis)
+}
+
+/// What is to be done with a campaign.
+#[derive(Default)]
+pub struct Wanted<'a> {
+    /// How far.
+    pub depth: Depth,
+    /// Of the torque.
+    pub form: TorqueForm,
+    /// Model whose effects are part of what is identified.
+    pub declared: Option<&'a ModelFile>,
+    /// The rig that a next run would be made on; `None`: what the campaign says of its own.
+    pub rig: Option<&'a Rig>,
+}
+
+/// An analysis with the next run, where its verdict leaves something open.
+pub struct Results {
+    /// The analysis.
+    pub analysis: Analysis,
+    /// What would settle it.
+    pub next: Option<Designed>,
+}
+
+/// As [`analyse_folder`]; designs the next run where the verdict leaves something open.
+pub fn analyse_with(dir: &Path, out: Option<&Path>, wanted: &Wanted, progress: &Progress) -> Result<Results, Failure> {
+    let Wanted { depth, form, .. } = *wanted;
+    let declared = wanted.declared.map(declared).transpose()?;
     let out = out.map_or_else(|| dir.join("analysis"), Path::to_owned);
     let step = progress.step("reading", 0);
     let loaded = Loaded::read(dir).map_err(|e| refused(&e))?;
@@ -34,10 +71,13 @@ pub fn analyse_folder_as(
     step.done(&format!("{} runs, {rows} rows", loaded.runs.len()));
     let made = make(&out)?;
 
+    for aside in &loaded.set_aside {
+        progress.say(&format!("warning: {}: {}", aside.file, aside.said()));
+    }
     let step = progress.step("analysis", 0);
-    let result = analyse_as(&loaded, depth, form, &|text| progress.say(text));
+    let result = analyse_from(&loaded, depth, form, declared.as_ref(), &|text| progress.say(text));
     step.finish();
-    let analysis = result.map_err(|e| {
+    let mut analysis = result.map_err(|e| {
         if made {
             // Leaves no empty folder behind; what another program put there meanwhile stays.
             let _ = fs::remove_dir(&out);
@@ -47,11 +87,85 @@ pub fn analyse_folder_as(
     for failure in analysis.validation.iter().filter_map(|run| run.failure()) {
         progress.say(&format!("warning: {failure}"));
     }
-    let written = leave(&analysis, &out)?;
+    let next = next_run(&loaded, &mut analysis, wanted.rig, progress)?;
+    let mut written = leave(&analysis, &out)?;
+    let script = out.join(NEXT_FILE);
+    match next.as_ref().and_then(|n| n.script.as_ref()) {
+        Some(text) => written.push(write_whole(&script, text).map_err(|e| unwritten(&e))?),
+        // one of an earlier analysis would be taken for this one's
+        None => drop(fs::remove_file(&script)),
+    }
     summary(&analysis).iter().for_each(|line| progress.result(line));
     progress.result("");
     written.iter().for_each(|file| progress.result(&format!("written: {}", file.display())));
-    Ok(analysis)
+    Ok(Results { analysis, next })
+}
+
+/// Designs the run that settles what is open, and says it in findings and headline.
+fn next_run(
+    loaded: &Loaded,
+    analysis: &mut Analysis,
+    rig: Option<&Rig>,
+    progress: &Progress,
+) -> Result<Option<Designed>, Failure> {
+    let own;
+    let rig = match rig {
+        Some(rig) => rig,
+        None => {
+            own = surroundings(loaded)?;
+            &own
+        }
+    };
+    let designed = design(loaded, analysis, rig, &free_name(loaded), progress)?;
+    if let Some(designed) = &designed {
+        analysis.headline.retain(|line| !line.starts_with("Next experiment: "));
+        analysis.headline.push(format!("Next experiment: {}.", designed.said));
+        analysis.report.summary.clone_from(&analysis.headline);
+        if let Some(findings) = &mut analysis.findings {
+            findings.next_experiment = Some(designed.said.clone());
+            findings.next_run.clone_from(&designed.run);
+        }
+    }
+    Ok(designed)
+}
+
+/// A name that no run of the campaign has: `next_1`, `next_2`, ...
+fn free_name(loaded: &Loaded) -> String {
+    let taken = |name: &str| {
+        let named = |file: &str| file.split('.').next() == Some(name);
+        loaded.campaign.runs.iter().any(|r| named(&r.file)) || loaded.campaign.dir.join(format!("{name}.mcap")).exists()
+    };
+    (1..).map(|n| format!("next_{n}")).find(|name| !taken(name)).expect("there are more names than files")
+}
+
+/// What a campaign says of its rig: the facts of `campaign.toml`, and the limits that its recordings keep.
+fn surroundings(loaded: &Loaded) -> Result<Rig, Failure> {
+    let mut rig = Rig::read(None)?;
+    rig.facts = loaded.campaign.rig;
+    rig.knowledge = Knowledge::Nothing;
+    rig.name.clone_from(&loaded.campaign.name);
+    rig.limits.voltage_max_v = rig.facts.u_max_v * (1.0 + 1e-9);
+    for run in loaded.campaign.runs.iter().filter(|r| r.file.ends_with(".mcap")) {
+        let path = loaded.campaign.dir.join(&run.file);
+        let kept = McapReader::open(&path).ok().and_then(|r| r.run().files.get(RIG_FILE).cloned());
+        if let Some(kept) = kept.and_then(|text| Rig::parse(&text, RIG_FILE, Path::new("")).ok()) {
+            rig.limits = kept.limits;
+            break;
+        }
+    }
+    Ok(rig)
+}
+
+/// The effects of a model file as part of what is identified.
+fn declared(model: &ModelFile) -> Result<Declared, Failure> {
+    // says what is missing or unknown
+    added_effects(model).map_err(|e| Failure::of(Kind::Input, &e))?;
+    let effects = model.effect.iter().filter_map(|added| {
+        let effect = find(&added.id)?;
+        let values = effect.header().parameters.iter().filter_map(|p| added.parameters.get(p.name).copied());
+        Some((effect, values.collect()))
+    });
+    Ok(Declared { parameters: model.parameters, effects: effects.collect() })
 }
 
 /// Writes `model.toml`, `report.json`, `findings.json` (where there was a diagnosis) and `report.html`.

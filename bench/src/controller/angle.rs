@@ -28,9 +28,10 @@ impl AngleLoop {
         let Oil { angle_ml_deg, series_ml_bar, .. } = at.oil;
         let feed_forward_ml_s = if settings.feed_forward {
             let most_bar_s = plant.most_flow_ml_s() / series_ml_bar;
-            let equilibrium_bar = plant.equilibrium_dp_bar(angle_deg, velocity_deg_s);
+            let sum_bar = at.seen.pressure1_bar + at.seen.pressure2_bar;
+            let equilibrium_bar = plant.equilibrium_dp_bar(at.now.seconds(), angle_deg, velocity_deg_s, sum_bar);
             let rate_bar_s = self.equilibrium.per_s(at.now, equilibrium_bar, most_bar_s);
-            angle_ml_deg * velocity_deg_s + series_ml_bar * rate_bar_s
+            angle_ml_deg * velocity_deg_s + series_ml_bar * rate_bar_s + at.oil.holding_ml_s()
         } else {
             0.0
         };

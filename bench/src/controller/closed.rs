@@ -2,6 +2,7 @@
 
 use super::angle::{self, AngleLoop};
 use super::constant_flow::voltage_with_rest;
+use super::effects::KnownEffects;
 use super::feed_forward::{Oil, Plant};
 use super::pi::{Demand, Moment, Pi, Rates};
 use super::pressure::PressureLoop;
@@ -81,6 +82,14 @@ impl Around {
         }
     }
 
+    /// Flow that makes up for the leaks that the model knows, ml/s.
+    fn holding_ml_s(&self, oil: &Oil) -> f64 {
+        match self {
+            Around::Angle(_) => oil.holding_ml_s(),
+            Around::Pressure(pressure) => pressure.holding_ml_s(oil),
+        }
+    }
+
     /// Oil that the pump must have moved between two measurements, ml.
     fn moved_ml(&self, oil: &Oil, before: &Seen, seen: &Seen) -> f64 {
         match self {
@@ -114,8 +123,8 @@ pub struct ClosedLoops {
 
 impl ClosedLoops {
     /// Loops for the rig that this model describes.
-    pub fn new(parameters: &Parameters, settings: Settings) -> Result<Self, ControllerError> {
-        let plant = Plant::new(parameters, settings.vertical)?;
+    pub fn new(parameters: &Parameters, effects: KnownEffects, settings: Settings) -> Result<Self, ControllerError> {
+        let plant = Plant::new(parameters, effects, settings.vertical)?;
         settings.validate(&plant)?;
         Ok(ClosedLoops { plant, pump: parameters.pump, settings, closed: None })
     }
@@ -138,20 +147,24 @@ impl ClosedLoops {
         let dp_bar = seen.dp_bar();
         let then = closed.map_or(now, |closed| closed.then);
         let elapsed_s = now.scheduled_ns.saturating_sub(then.scheduled_ns) as f64 * 1e-9;
-        let oil = plant.oil(seen);
+        let time_s = now.seconds();
+        let oil = plant.oil(time_s, seen);
         let demand = around.demand(plant, settings, &Moment { now, seen, oil }, goal);
         let pi = match closed {
             Some(closed) => {
-                let moved_ml = around.moved_ml(&oil, &closed.before, seen);
+                // what the feed-forward makes up for is not learnt again
+                let known_ml_s = if settings.feed_forward { around.holding_ml_s(&oil) } else { 0.0 };
+                let moved_ml = around.moved_ml(&oil, &closed.before, seen) + known_ml_s * elapsed_s;
                 closed.pi.learn(elapsed_s, closed.delivered_ml_s, moved_ml, demand, rates);
                 closed.pi
             }
-            None => Pi::closed_at(plant.flow_ml_s(acting_v, dp_bar), demand, rates),
+            None => Pi::closed_at(plant.flow_ml_s(time_s, acting_v, dp_bar), demand, rates),
         };
         let flow_ml_s = pi.flow_ml_s(demand, rates);
         let rest_share = if closed.is_some_and(|closed| closed.turns) { REST_SHARE_IF_IT_TURNS } else { 1.0 };
-        let voltage_v = voltage_with_rest(pump, flow_ml_s, dp_bar, rest_share * settings.rest_flow_ml_s);
-        let delivered_ml_s = if settings.anti_windup { plant.flow_ml_s(voltage_v, dp_bar) } else { flow_ml_s };
+        let inverse = |flow_ml_s| voltage_with_rest(pump, flow_ml_s, dp_bar, rest_share * settings.rest_flow_ml_s);
+        let voltage_v = plant.voltage_v(time_s, flow_ml_s, dp_bar, inverse);
+        let delivered_ml_s = if settings.anti_windup { plant.flow_ml_s(time_s, voltage_v, dp_bar) } else { flow_ml_s };
         *closed = Some(Closed { around, pi, then: now, before: *seen, delivered_ml_s, turns: voltage_v != 0.0 });
         voltage_v
     }

@@ -1,11 +1,12 @@
-//! What the identified model says about the rig: how much oil a motion takes, which pressures an angle asks for.
+//! What the identified model, with its effects, says about the rig: how much oil a motion takes, which pressures an angle asks for.
 
+use super::effects::{Chambers, KnownEffects};
 use super::seen::Seen;
 use super::settings::ControllerError;
 use model::Parameters;
 use model::parameters::COUNT;
 use model::parameters::index::{G, J, M1, M2, M3};
-use model::rec::{STORED_FROM_BAR, capacity, displacement, losses, pump_flow, torque};
+use model::rec::{STORED_FROM_BAR, capacity, displacement, losses, torque};
 use rt_core::Tick;
 
 /// The power law of the capacity, eq. (13), has no meaning at 0 bar and below.
@@ -24,15 +25,29 @@ pub struct Oil {
     pub series_ml_bar: f64,
     /// For 1 degree of the lever at a constant pressure difference, ml/deg.
     pub angle_ml_deg: f64,
+    /// Leaks into chamber 1 or 2 (negative out of it), ml/s.
+    pub leaks_ml_s: [f64; 2],
 }
 
-/// The reference model with identified parameters; effects beyond it are left to the integrators.
+impl Oil {
+    /// Flow that holds the pressure difference of a lever that stands against the leaks, ml/s.
+    pub fn holding_ml_s(&self) -> f64 {
+        let ([c1, c2], [q1, q2]) = (self.chambers_ml_bar, self.leaks_ml_s);
+        (q2 * c1 - q1 * c2) / (c1 + c2)
+    }
+}
+
+/// Rounds in which the torque of effects at the equilibrium is found; it depends on the pressure difference by a small share.
+const ROUNDS: usize = 3;
+
+/// The identified model: the reference model with those of its effects that have no memory. The others are left to the integrators.
 #[derive(Clone, Debug)]
 pub struct Plant {
     k: [f64; COUNT],
     /// Largest voltage either way, V.
     u_max_v: f64,
     vertical: bool,
+    effects: KnownEffects,
 }
 
 impl Plant {
@@ -40,8 +55,8 @@ impl Plant {
     ///
     /// # Errors
     /// A model that can't be inverted somewhere within +-60 degrees and 0.5..8 bar.
-    pub fn new(parameters: &Parameters, vertical: bool) -> Result<Self, ControllerError> {
-        let plant = Plant { k: parameters.to_vector(), u_max_v: parameters.pump.u_max, vertical };
+    pub fn new(parameters: &Parameters, effects: KnownEffects, vertical: bool) -> Result<Self, ControllerError> {
+        let plant = Plant { k: parameters.to_vector(), u_max_v: parameters.pump.u_max, vertical, effects };
         let positive = |what, got: f64, at: &dyn Fn() -> String| {
             if got.is_finite() && got > 0.0 { Ok(()) } else { Err(ControllerError::Model { what, at: at(), got }) }
         };
@@ -55,7 +70,7 @@ impl Plant {
                 for pressure2_bar in CHECKED_BAR {
                     let seen = Seen { angle_deg, pressure1_bar, pressure2_bar };
                     let at = || format!("at {angle_deg} deg, {pressure1_bar} bar and {pressure2_bar} bar");
-                    let Oil { chambers_ml_bar: [chamber1, chamber2], angle_ml_deg, .. } = plant.oil(&seen);
+                    let Oil { chambers_ml_bar: [chamber1, chamber2], angle_ml_deg, .. } = plant.oil(0.0, &seen);
                     positive("capacity of chamber 1, ml/bar,", chamber1, &at)?;
                     positive("capacity of chamber 2, ml/bar,", chamber2, &at)?;
                     positive("displacement, ml/deg,", angle_ml_deg, &at)?;
@@ -72,37 +87,52 @@ impl Plant {
         Ok(plant)
     }
 
-    /// Flow at a voltage (V) and pressure difference p1 - p2 (bar), eq. (10), ml/s.
-    pub fn flow_ml_s(&self, voltage_v: f64, dp_bar: f64) -> f64 {
-        pump_flow(&self.k, voltage_v, dp_bar).0
+    /// Flow at a time of the run (s), voltage (V) and pressure difference p1 - p2 (bar), eq. (10) with its effects, ml/s.
+    pub fn flow_ml_s(&self, time_s: f64, voltage_v: f64, dp_bar: f64) -> f64 {
+        self.effects.flow_ml_s(&self.k, time_s, voltage_v, dp_bar)
+    }
+
+    /// Voltage for a flow; `inverse` is that of eq. (10).
+    pub fn voltage_v(&self, time_s: f64, flow_ml_s: f64, dp_bar: f64, inverse: impl Fn(f64) -> f64) -> f64 {
+        self.effects.voltage_v(&self.k, time_s, flow_ml_s, dp_bar, inverse)
     }
 
     /// The pump's largest flow at equal pressures, ml/s.
     pub fn most_flow_ml_s(&self) -> f64 {
-        self.flow_ml_s(self.u_max_v, 0.0)
+        self.flow_ml_s(0.0, self.u_max_v, 0.0)
     }
 
-    /// How much oil a motion takes here, eqs. (7), (8), (13), (14).
-    pub fn oil(&self, seen: &Seen) -> Oil {
+    /// How much oil a motion takes here, eqs. (7), (8), (13), (14) with the effects on them.
+    pub fn oil(&self, time_s: f64, seen: &Seen) -> Oil {
         let angle_rad = seen.angle_deg.to_radians();
         let pressure_bar = [seen.pressure1_bar, seen.pressure2_bar].map(|p| p.max(PRESSURE_FLOOR_BAR));
-        let chambers_ml_bar @ [c1, c2] = capacity(&self.k, angle_rad, pressure_bar);
-        let [v1, v2] = displacement(&self.k, angle_rad);
+        let own = (capacity(&self.k, angle_rad, pressure_bar), displacement(&self.k, angle_rad));
+        let Chambers { capacity_ml_bar: chambers_ml_bar, displacement_ml_rad: [v1, v2], flow_ml_s: leaks_ml_s } =
+            self.effects.chambers(&self.k, time_s, angle_rad, pressure_bar, own.0, own.1);
+        let [c1, c2] = chambers_ml_bar;
         Oil {
             chambers_ml_bar,
             series_ml_bar: c1 * c2 / (c1 + c2),
             // What one chamber takes more than the other gives goes into both capacities.
             angle_ml_deg: ((v1 * c2 - v2 * c1) / (c1 + c2)).to_radians(),
+            leaks_ml_s,
         }
     }
 
     /// Pressure difference at which the lever moves through this angle (degrees) at this velocity (degrees/s): eq. (2)
-    /// against gravity and the losses (16), bar.
-    pub fn equilibrium_dp_bar(&self, angle_deg: f64, velocity_deg_s: f64) -> f64 {
+    /// against gravity, the losses (16) and the effects' torque, bar. `sum_bar`: p1 + p2.
+    pub fn equilibrium_dp_bar(&self, time_s: f64, angle_deg: f64, velocity_deg_s: f64, sum_bar: f64) -> f64 {
         let angle_rad = angle_deg.to_radians();
         let weight_nm = if self.vertical { self.k[G] * angle_rad.sin() } else { 0.0 };
-        let needed_nm = weight_nm + losses(&self.k, velocity_deg_s.to_radians()).0 - torque(&self.k, angle_rad, 0.0);
-        needed_nm / self.torque_gain_nm_bar(angle_rad, needed_nm.signum())
+        let velocity_rad_s = velocity_deg_s.to_radians();
+        let needed_nm = weight_nm + losses(&self.k, velocity_rad_s).0 - torque(&self.k, angle_rad, 0.0);
+        let against = |needed_nm: f64| needed_nm / self.torque_gain_nm_bar(angle_rad, needed_nm.signum());
+        let mut dp_bar = against(needed_nm);
+        for _ in 0..ROUNDS {
+            let motion = [angle_rad, velocity_rad_s];
+            dp_bar = against(needed_nm - self.effects.torque_nm(time_s, motion, dp_bar, sum_bar, self.vertical));
+        }
+        dp_bar
     }
 
     /// Slope of eq. (2) over a pressure difference of this sign.
@@ -113,7 +143,7 @@ impl Plant {
     /// How hard the shut-in oil holds the lever in the middle of its range.
     fn stiffness_nm_rad(&self) -> f64 {
         let middle = Seen { angle_deg: 0.0, pressure1_bar: STORED_FROM_BAR, pressure2_bar: STORED_FROM_BAR };
-        let Oil { angle_ml_deg, series_ml_bar, .. } = self.oil(&middle);
+        let Oil { angle_ml_deg, series_ml_bar, .. } = self.oil(0.0, &middle);
         let bar_per_rad = (angle_ml_deg / series_ml_bar).to_degrees();
         self.k[M3] * bar_per_rad - self.k[M2]
     }
@@ -146,7 +176,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn plant(vertical: bool) -> Plant {
-        Plant::new(&Parameters::example(), vertical).expect("a sound model")
+        Plant::new(&Parameters::example(), KnownEffects::none(), vertical).expect("a sound model")
     }
 
     proptest! {
@@ -155,12 +185,12 @@ mod tests {
             angle_deg in -60.0..60.0_f64, velocity_deg_s in -30.0..30.0_f64, vertical: bool,
         ) {
             let plant = plant(vertical);
-            let dp_bar = plant.equilibrium_dp_bar(angle_deg, velocity_deg_s);
+            let dp_bar = plant.equilibrium_dp_bar(0.0, angle_deg, velocity_deg_s, 5.0);
             let k = Parameters::example().to_vector();
             let (phi, w) = (angle_deg.to_radians(), velocity_deg_s.to_radians());
             let weight = if vertical { 4.0 * phi.sin() } else { 0.0 };
             prop_assert!((torque(&k, phi, dp_bar) - weight - losses(&k, w).0).abs() < 1e-9);
-            let mirrored = plant.equilibrium_dp_bar(-angle_deg, -velocity_deg_s);
+            let mirrored = plant.equilibrium_dp_bar(0.0, -angle_deg, -velocity_deg_s, 5.0);
             prop_assert!((dp_bar + mirrored).abs() < 1e-12);
         }
 
@@ -170,7 +200,7 @@ mod tests {
         ) {
             let plant = plant(false);
             let seen = Seen { angle_deg, pressure1_bar, pressure2_bar };
-            let Oil { chambers_ml_bar: [c1, c2], angle_ml_deg, series_ml_bar } = plant.oil(&seen);
+            let Oil { chambers_ml_bar: [c1, c2], angle_ml_deg, series_ml_bar, .. } = plant.oil(0.0, &seen);
             let [v1, v2] = displacement(&Parameters::example().to_vector(), angle_deg.to_radians());
             // 1 degree a second, eqs. (7) and (8)
             let rates = |flow: f64, w: f64| [(flow - v1 * w) / c1, (-flow - v2 * w) / c2];
@@ -199,7 +229,7 @@ mod tests {
         ] {
             let mut parameters = Parameters::example();
             change(&mut parameters);
-            let error = Plant::new(&parameters, false).expect_err(expected).to_string();
+            let error = Plant::new(&parameters, KnownEffects::none(), false).expect_err(expected).to_string();
             assert!(error.contains(expected), "{error}");
         }
     }

@@ -7,12 +7,14 @@
 //! | pressure | PI by flow around a chamber's pressure or their difference: [`pressure`] | a model |
 //! | angle | PI by flow around the angle of the free lever: [`angle`] | a model |
 //!
-//! The law of the closed loops and its gains stand in [`pi`], what the model contributes in [`feed_forward`]. When the kind of
+//! The law of the closed loops and its gains stand in [`pi`], what the model contributes in [`feed_forward`], what its effects do there
+//! in [`effects`]. When the kind of
 //! target changes within a run, the new loop begins with the flow that acts and an empty integrator.
 
 mod angle;
 mod closed;
 mod constant_flow;
+mod effects;
 mod feed_forward;
 mod pi;
 mod pressure;
@@ -20,11 +22,12 @@ mod seen;
 mod settings;
 
 pub use constant_flow::voltage_for_flow;
+pub use effects::KnownEffects;
 pub use settings::{ANGLE_BANDWIDTH_MAX_SHARE, ControllerError, PRESSURE_BANDWIDTH_MAX_HZ, Settings};
 
 use closed::{ClosedLoops, Goal};
-use model::Parameters;
-use model::parameters::Pump;
+use model::parameters::{COUNT, Pump};
+use model::{ModelFile, Parameters};
 use rt_core::{Controller, Fixture, Measurement, Step, Target, Tick};
 use seen::Seen;
 
@@ -37,6 +40,8 @@ use seen::Seen;
 pub struct PumpController {
     pump: Option<Pump>,
     loops: Option<ClosedLoops>,
+    /// Of the model, with its parameters.
+    effects: (KnownEffects, [f64; COUNT]),
     seen: Seen,
     /// The last answer that was a number, V.
     acting_v: f64,
@@ -45,7 +50,8 @@ pub struct PumpController {
 impl PumpController {
     /// Open loop only.
     pub fn open_loop() -> Self {
-        PumpController { pump: None, loops: None, seen: Seen::NOTHING, acting_v: 0.0 }
+        let effects = (KnownEffects::none(), Parameters::example().to_vector());
+        PumpController { pump: None, loops: None, effects, seen: Seen::NOTHING, acting_v: 0.0 }
     }
 
     /// Flow targets too, with this pump from a measured pump map.
@@ -58,8 +64,18 @@ impl PumpController {
     /// # Errors
     /// Settings out of range; a model that can't be inverted.
     pub fn with_model(parameters: &Parameters, settings: Settings) -> Result<Self, ControllerError> {
-        let loops = ClosedLoops::new(parameters, settings)?;
-        Ok(PumpController { loops: Some(loops), ..Self::with_pump(parameters.pump) })
+        Self::with_effects(&ModelFile::plain(*parameters), settings)
+    }
+
+    /// The same with the effects that the model carries, as far as they have no memory ([`effects`]).
+    ///
+    /// # Errors
+    /// As there.
+    pub fn with_effects(model: &ModelFile, settings: Settings) -> Result<Self, ControllerError> {
+        let (parameters, effects) = (&model.parameters, KnownEffects::of(model));
+        let loops = ClosedLoops::new(parameters, effects.clone(), settings)?;
+        let effects = (effects, parameters.to_vector());
+        Ok(PumpController { loops: Some(loops), effects, ..Self::with_pump(parameters.pump) })
     }
 
     fn open_loops(&mut self) {
@@ -68,11 +84,16 @@ impl PumpController {
         }
     }
 
-    fn flow_voltage_v(&self, flow_ml_s: f64) -> f64 {
+    fn flow_voltage_v(&self, now: Tick, flow_ml_s: f64) -> f64 {
+        let (effects, k) = &self.effects;
+        let dp_bar = effects.corrected(now.seconds(), &self.seen).dp_bar();
         match &self.pump {
             None => f64::NAN,
-            Some(_) if !self.seen.dp_bar().is_finite() => self.acting_v,
-            Some(pump) => voltage_for_flow(pump, flow_ml_s, self.seen.dp_bar()),
+            Some(_) if !dp_bar.is_finite() => self.acting_v,
+            Some(pump) => {
+                let inverse = |flow_ml_s| voltage_for_flow(pump, flow_ml_s, dp_bar);
+                effects.voltage_v(k, now.seconds(), flow_ml_s, dp_bar, inverse)
+            }
         }
     }
 
@@ -90,7 +111,8 @@ impl PumpController {
             loops.open();
             return 0.0;
         }
-        loops.voltage_v(now, measured, &self.seen, goal, self.acting_v)
+        let seen = self.effects.0.corrected(now.seconds(), &self.seen);
+        loops.voltage_v(now, measured, &seen, goal, self.acting_v)
     }
 }
 
@@ -110,7 +132,7 @@ impl Controller for PumpController {
             }
             Target::FlowMlS(flow_ml_s) => {
                 self.open_loops();
-                self.flow_voltage_v(flow_ml_s)
+                self.flow_voltage_v(now, flow_ml_s)
             }
             Target::PressureBar { of, bar } => self.closed_voltage_v(now, measured, step, Goal::Pressure { of, bar }),
             Target::AngleDeg { angle_deg, velocity_deg_s } => {

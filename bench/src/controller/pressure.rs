@@ -43,6 +43,15 @@ impl PressureLoop {
         }
     }
 
+    /// Flow that makes up for the leaks, ml/s.
+    pub fn holding_ml_s(&self, oil: &Oil) -> f64 {
+        match self.of {
+            ControlledPressure::Chamber1 => -oil.leaks_ml_s[0],
+            ControlledPressure::Chamber2 => oil.leaks_ml_s[1],
+            ControlledPressure::Difference => oil.holding_ml_s(),
+        }
+    }
+
     /// The inputs without which there is no error.
     pub fn needs(&self) -> u32 {
         match self.of {
@@ -59,7 +68,8 @@ impl PressureLoop {
         let rate_bar_s = self.reference.per_s(at.now, bar, most_bar_s);
         let missing_ml = capacity_ml_bar * (bar - self.value_bar(at.seen));
         let close_ml = capacity_ml_bar.abs() * settings.pressure_deadband_bar;
-        let feed_forward_ml_s = if settings.feed_forward { capacity_ml_bar * rate_bar_s } else { 0.0 };
+        let feed_forward_ml_s =
+            if settings.feed_forward { capacity_ml_bar * rate_bar_s + self.holding_ml_s(&at.oil) } else { 0.0 };
         Demand { feed_forward_ml_s, missing_ml, close_ml }
     }
 

@@ -116,10 +116,11 @@ impl Settings {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::controller::effects::KnownEffects;
     use model::Parameters;
 
     fn refusal(change: impl Fn(&mut Settings)) -> String {
-        let plant = Plant::new(&Parameters::example(), false).expect("a sound model");
+        let plant = Plant::new(&Parameters::example(), KnownEffects::none(), false).expect("a sound model");
         let mut settings = Settings::default();
         settings.validate(&plant).expect("the defaults are sound");
         change(&mut settings);
@@ -150,7 +151,7 @@ mod tests {
     fn a_softer_rig_allows_less() {
         let mut soft = Parameters::example();
         soft.load.J *= 16.0;
-        let plant = Plant::new(&soft, false).expect("a sound model");
+        let plant = Plant::new(&soft, KnownEffects::none(), false).expect("a sound model");
         assert!(Settings::default().validate(&plant).is_err(), "1 Hz on a lever of 2.6 Hz");
         Settings { angle_bandwidth_hz: 0.6, ..Settings::default() }
             .validate(&plant)

@@ -19,7 +19,7 @@ use drivers::faults::Faulty;
 use drivers::journal::JournalReader;
 use model::{ModelFile, Parameters};
 use profiles::{Context, Hands, Need, Place, Script, Timeout};
-use rt_core::{Channel, Device, Limits, Lockstep, Run, Stages, Supervisor, Tick, Trip};
+use rt_core::{Channel, Device, Limits, Lockstep, Run, Sample, Stages, Supervisor, Tick, Trip};
 use std::cell::RefCell;
 use watch::{Heard, Watch, Watched};
 
@@ -150,6 +150,29 @@ impl Prediction {
 /// The script or its envelope does not fit the rig, the rig's controller can't serve its targets, the model has an effect that the library
 /// does not know (2).
 pub fn predict(script: &Script, rig: &Rig, model: &ModelFile, seed: u64) -> Result<Prediction, Failure> {
+    Ok(played(script, rig, model, seed, false)?.0)
+}
+
+/// As [`predict`], with every sample that the run would have.
+///
+/// # Errors
+/// As there.
+pub fn predict_samples(
+    script: &Script,
+    rig: &Rig,
+    model: &ModelFile,
+    seed: u64,
+) -> Result<(Prediction, Vec<Sample>), Failure> {
+    played(script, rig, model, seed, true)
+}
+
+fn played(
+    script: &Script,
+    rig: &Rig,
+    model: &ModelFile,
+    seed: u64,
+    keep: bool,
+) -> Result<(Prediction, Vec<Sample>), Failure> {
     let input = |e: &dyn std::error::Error| Failure::new(Kind::Input, e.to_string());
     let limits =
         script.envelope.narrow(&rig.limits).map_err(|e| Failure::new(Kind::Input, format!("{}: {e}", script.name)))?;
@@ -173,6 +196,7 @@ pub fn predict(script: &Script, rig: &Rig, model: &ModelFile, seed: u64) -> Resu
     };
 
     let watch = RefCell::new(Watch::new(Supervisor::new(limits).map_err(|e| input(&e))?));
+    watch.borrow_mut().samples = keep.then(Vec::new);
     let mut supervisor = Supervisor::new(unlimited(&limits)).map_err(|e| input(&e))?;
     let (mut flight, _flown) = rt_core::flight::recorder();
     let stages = Stages {
@@ -187,7 +211,8 @@ pub fn predict(script: &Script, rig: &Rig, model: &ModelFile, seed: u64) -> Resu
     };
     let outcome = rt_core::run(stages, Run { number: 0, overrun: script.overrun });
 
-    let watch = watch.into_inner();
+    let mut watch = watch.into_inner();
+    let samples = watch.samples.take().unwrap_or_default();
     let last = watch.played.last().map_or(0, |played| played.step);
     let (trip, failed) = match outcome {
         // What trips without limits is a command that is no number, which the watch never sees.
@@ -198,7 +223,7 @@ pub fn predict(script: &Script, rig: &Rig, model: &ModelFile, seed: u64) -> Resu
         let place = playback.place(step).unwrap_or(Place { line: 1, with: String::new() });
         PredictedTrip { trip, step, place }
     });
-    Ok(Prediction {
+    let prediction = Prediction {
         limits,
         ticks: watch.ticks,
         peaks: watch.peaks(),
@@ -206,7 +231,8 @@ pub fn predict(script: &Script, rig: &Rig, model: &ModelFile, seed: u64) -> Resu
         trip,
         timeouts: playback.timeouts(),
         failed,
-    })
+    };
+    Ok((prediction, samples))
 }
 
 /// The model that a rig file gives to predict with: the plant of an emulated rig, with its effects; of a rig on wires the controller's,

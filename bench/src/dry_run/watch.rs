@@ -19,12 +19,14 @@ pub(super) struct Watch {
     /// The would-be trip, and the step that led to it.
     pub trip: Option<(Trip, u32)>,
     pub ticks: u64,
+    /// Every sample, where they are kept.
+    pub samples: Option<Vec<Sample>>,
 }
 
 impl Watch {
     pub fn new(mut supervisor: Supervisor) -> Self {
         supervisor.begin_run();
-        Watch { supervisor, peaks: [None; WATCHED.len()], played: Vec::new(), trip: None, ticks: 0 }
+        Watch { supervisor, peaks: [None; WATCHED.len()], played: Vec::new(), trip: None, ticks: 0, samples: None }
     }
 
     pub fn peaks(&self) -> Vec<Peak> {
@@ -62,6 +64,9 @@ impl Watch {
         self.note_trip(step);
         self.peak(WATCHED.len() - 1, Extreme { value: sample.voltage_v, tick, step });
         self.ticks = tick + 1;
+        if let Some(samples) = &mut self.samples {
+            samples.push(*sample);
+        }
         match self.played.last_mut() {
             Some(last) if last.step == step => last.ticks = tick + 1 - last.tick,
             _ => self.played.push(Played { step, tick, ticks: 1 }),

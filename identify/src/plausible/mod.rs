@@ -1,0 +1,81 @@
+//! Whether recordings can be what their columns say, before anything is fitted to them: broken sensors are set aside, wrong units and
+//! signs are refused. Otherwise they would end as effects of the plant.
+//!
+//! | question | judged by | outcome |
+//! |---|---|---|
+//! | does a sensor stand still, saturate, repeat its twin ([`sensors`]) | what the other sensors and the command show meanwhile | the channel or the run is set aside and said |
+//! | is the unit the contract's ([`units`]) | physics: no absolute pressure is negative, no hydraulic rig of this kind works at 280,000 bar; the twin sensor and the other runs | error with the likely unit |
+//! | are the signs the contract's ([`signs`]) | the pump: `u > 0` raises `p1 - p2` and turns the lever towards positive angles | error with what is exchanged |
+//!
+//! Ranges are wide, so that an unusual rig passes; what lies within them is left to the fit.
+
+mod sensors;
+mod series;
+mod signs;
+mod units;
+mod work;
+
+use recordings::{Campaign, Recording, Role};
+
+pub use sensors::{Fault, Sensor, SetAside};
+
+/// A recording that can't be what its columns say.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{file}: column {column}: expected {expected}, got {got}; {remedy}")]
+pub struct Implausible {
+    /// The run's file with its folder.
+    pub file: String,
+    /// Column of the contract, or several.
+    pub column: String,
+    /// Range or sign.
+    pub expected: String,
+    /// What is there.
+    pub got: String,
+    /// The likely cause, and what to do.
+    pub remedy: String,
+}
+
+/// Sets broken sensors aside (their values become missing, or their runs leave the campaign) and refuses wrong units and signs.
+/// Returns what was set aside, in the order of the campaign.
+///
+/// # Errors
+/// Units or signs that can't be the contract's; no run is left to be fitted, or none to be validated where there was one.
+pub fn examine(campaign: &mut Campaign, recordings: &mut Vec<Recording>) -> Result<Vec<SetAside>, Implausible> {
+    let mut found = Vec::new();
+    let mut lost = vec![false; recordings.len()];
+    for (n, (entry, recording)) in campaign.runs.iter().zip(recordings.iter_mut()).enumerate() {
+        let own = sensors::broken(entry, recording);
+        lost[n] = own.iter().any(|s| s.whole_run);
+        found.extend(own);
+    }
+    let kept = |role: Role| (0..lost.len()).filter(|&n| campaign.runs[n].role == role && !lost[n]).count();
+    let had = |role: Role| campaign.runs.iter().any(|r| r.role == role);
+    for role in [Role::Identify, Role::Validate] {
+        if had(role) && kept(role) == 0 {
+            return Err(nothing_left(campaign, &found, role));
+        }
+    }
+    let mut keep = lost.iter().map(|l| !l);
+    campaign.runs.retain(|_| keep.next() == Some(true));
+    let mut keep = lost.iter().map(|l| !l);
+    recordings.retain(|_| keep.next() == Some(true));
+    units::judge(campaign, recordings)?;
+    signs::judge(campaign, recordings)?;
+    work::judge(campaign, recordings)?;
+    Ok(found)
+}
+
+fn nothing_left(campaign: &Campaign, found: &[SetAside], role: Role) -> Implausible {
+    let of_role = |s: &&SetAside| s.whole_run && campaign.runs.iter().any(|r| r.file == s.file && r.role == role);
+    let broken: Vec<&SetAside> = found.iter().filter(of_role).collect();
+    let first = broken[0];
+    let others: Vec<String> = broken.iter().skip(1).map(|s| format!("; {}: {}", s.file, s.said())).collect();
+    Implausible {
+        file: campaign.dir.join(&first.file).display().to_string(),
+        column: first.columns(),
+        expected: format!("at least one run with role \"{role}\" whose sensors work"),
+        got: format!("{}{}", first.why, others.concat()),
+        remedy: "repair the sensor and record the run again, or take the run out of the campaign; a broken sensor is no effect of the plant"
+            .into(),
+    }
+}

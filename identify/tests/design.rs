@@ -1,0 +1,97 @@
+//! Rivals and the runs that separate them; a model that carries an effect from the start.
+
+#![allow(clippy::unwrap_used, reason = "a test that can't go on fails")]
+
+mod common;
+
+use common::{dynamic, layout, problem};
+use identify::declared::Declared;
+use identify::design::{Prior, Rival, separation, would_give};
+use identify::fit::{Effort, Fit, fit};
+use identify::problem::Problem;
+use model::Parameters;
+use model::effects::find;
+use recordings::{Plane, Protocol};
+
+/// The campaign's runs, and a fit of it with these effects.
+fn rival(campaign: &Problem, truth: &Parameters, effects: &[(&'static str, &[f64])]) -> Rival {
+    let mut own = layout(truth);
+    let mut theta = own.vector_of(truth);
+    for (id, values) in effects {
+        own.effects.push(find(id).unwrap());
+        theta.extend_from_slice(values);
+    }
+    let fit: Fit = fit(campaign, &own, campaign.point(theta), Effort::default()).unwrap();
+    Rival { ids: effects.iter().map(|e| e.0).collect(), probability: 0.5, fit }
+}
+
+#[test]
+fn what_a_refit_takes_up_separates_nothing_and_what_it_can_t_does() {
+    let truth = Parameters::example();
+    let campaign = problem(&[dynamic(&truth, None, 12.0, 1)]);
+    let plain = rival(&campaign, &truth, &[]);
+    let prior = Prior::of(&campaign, &plain).unwrap();
+    let run = |seconds: f64| {
+        would_give(&campaign, Protocol::RandomSteps, Plane::Horizontal, &dynamic(&truth, None, seconds, 9)).unwrap()
+    };
+    let own = separation(&prior, &prior, &run(10.0)).unwrap();
+    assert!(own.z == 0.0 && own.noise_floors < 1e-9, "{own:?}");
+
+    // base parameters off by what the campaign leaves open are no other hypothesis
+    let mut moved = plain.clone();
+    let std = identify::identification::standard_errors(&campaign, &plain.fit).unwrap();
+    for (v, s) in moved.fit.point.theta.iter_mut().zip(&std) {
+        *v += 0.3 * s;
+    }
+    let moved_prior = Prior::of(&campaign, &moved).unwrap();
+    let taken_up = separation(&moved_prior, &prior, &run(10.0)).unwrap();
+    assert!(taken_up.z < 1.0, "{taken_up:?}");
+
+    // an effect of the same size in noise floors is one
+    let leaking = rival(&campaign, &truth, &[("cross_leakage", &[0.4, 0.5])]);
+    let mut other = leaking.clone();
+    let n = other.fit.layout.base.len();
+    other.fit.point.theta[n] = 0.6;
+    let other = Prior::of(&campaign, &other).unwrap();
+    let apart = separation(&other, &prior, &run(10.0)).unwrap();
+    assert!(apart.z > 1.2 && apart.z > 2.0 * taken_up.z, "{apart:?} {taken_up:?}");
+    let longer = separation(&other, &prior, &run(40.0)).unwrap();
+    assert!(longer.z > 1.5 * apart.z, "four times as long, {longer:?} after {apart:?}");
+}
+
+#[test]
+fn a_declared_effect_is_identified_with_the_base() {
+    let truth = Parameters::example();
+    let (effect, values) = (find("tilt").unwrap(), vec![0.8, -0.5]);
+    let campaign = problem(&[dynamic(&truth, Some((effect, values.clone())), 16.0, 3)]);
+    let base = rival(&campaign, &truth, &[]).fit;
+    let declared = Declared { parameters: truth, effects: vec![(effect, vec![0.4, -0.4])] };
+    assert!(declared.open().iter().all(|e| e.header().id != "tilt"));
+    let refitted = declared.refit(&campaign, &base, Effort::default()).unwrap();
+    let found = &refitted.point.theta[base.point.theta.len()..];
+    for (found, value) in found.iter().zip(&values) {
+        assert!((found - value).abs() < 0.05, "{found} for {value}");
+    }
+    assert!(refitted.cost < 1.2 * campaign.targets() as f64, "{} of {}", refitted.cost, campaign.targets());
+    assert!(base.cost > 1.5 * campaign.targets() as f64, "it mattered: {}", base.cost);
+}
+
+#[test]
+fn an_effect_that_no_run_provokes_is_said_to_be_out_of_reach() {
+    use identify::judged::{not_judged, said};
+    use identify::score::Scene;
+    let truth = Parameters::example();
+    let library = [find("brake_valve_lag").unwrap(), find("pump_lag").unwrap()];
+    let hidden = |seconds: f64| {
+        let campaign = problem(&[dynamic(&truth, None, seconds, 1)]);
+        let plain = rival(&campaign, &truth, &[]);
+        let scene = Scene::new(&campaign, &plain.fit).unwrap();
+        not_judged(&library, &campaign, &scene, 1.0)
+    };
+    // its first 5 s leave both valves alone
+    let short = hidden(5.0);
+    assert_eq!(short.iter().map(|h| h.id).collect::<Vec<_>>(), ["brake_valve_lag"]);
+    assert!(short[0].shows < 0.5 && short[0].needed.contains("pump-map"), "{:?}", short[0]);
+    assert!(said(&short).unwrap().contains("brake_valve_lag"));
+    assert!(hidden(20.0).is_empty() && said(&[]).is_none());
+}
