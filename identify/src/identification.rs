@@ -137,7 +137,7 @@ pub fn identify_as(loaded: &Loaded, form: TorqueForm, progress: &dyn Fn(&str)) -
     {
         component = usual;
     }
-    layout.fixed = component.to_vector();
+    layout.fixed = component.to_vector().to_vec();
 
     // first what stands still, then everything
     let (still, _) = problem.part(|_, s| s.stand != Stand::Free);

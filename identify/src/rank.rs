@@ -31,7 +31,7 @@ const NAMED: f64 = 0.15;
 /// The fit can't be simulated.
 pub fn rank(problem: &Problem, fit: &Fit) -> Result<Rank, SimulationError> {
     let mut layout = fit.layout.clone();
-    layout.fixed = layout.parameters(&fit.point.theta).to_vector();
+    layout.fixed = layout.parameters(&fit.point.theta).to_vector().to_vec();
     let after = fit.point.theta[fit.layout.base.len()..].to_vec();
     layout.base = FREE.iter().copied().chain([index::A2]).collect();
     // what stands beside the base is no direction of it
