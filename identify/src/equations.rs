@@ -1,6 +1,8 @@
 //! A plant that is written as equations alone: derivative and outputs, generic over the number. Simulation (Runge-Kutta of fourth
 //! order, fixed step) and derivatives (the same with dual numbers) come from here, so that a plant is one file.
 
+use std::cell::RefCell;
+
 use model::effects::EffectSet;
 use model::integrate::{MOST_STATES, SimulationError};
 use model::port::{HydraulicPort, MechanicalPort, Port, PortKind, Rest};
@@ -18,7 +20,7 @@ pub enum Between {
     Held,
     /// Straight line.
     Straight,
-    /// Cubic through four rows (Catmull-Rom): a band-limited signal that was sampled fast enough.
+    /// Band-limited: what was sampled had nothing beyond two thirds of half the sampling rate. Rows are equally spaced.
     Smooth,
 }
 
@@ -97,6 +99,71 @@ impl<S: Scalar> Instant<'_, S> {
     }
 }
 
+/// Samples to both sides that a band-limited value takes part of.
+const SINC_HALF: usize = 8;
+/// Shape of the Kaiser window: 80 dB between two thirds of half the sampling rate and its image.
+const KAISER: f64 = 8.0;
+
+/// Weights of the band-limited interpolation, by share of the way between two rows, as far as they were asked for.
+#[derive(Default)]
+struct Kernels {
+    known: RefCell<Vec<(f64, [f64; 2 * SINC_HALF])>>,
+}
+
+impl Kernels {
+    /// Value of a column at row `i` plus a share of the way to the next. Beyond its ends a column goes on mirrored through them.
+    fn between(&self, column: &[f64], i: usize, share: f64) -> f64 {
+        if share == 0.0 {
+            return column[i];
+        }
+        let last = column.len() - 1;
+        let mut known = self.known.borrow_mut();
+        let position = known.iter().position(|(of, _)| (of - share).abs() < 1e-9).unwrap_or_else(|| {
+            known.push((share, sinc_weights(share)));
+            known.len() - 1
+        });
+        let weights = &known[position].1;
+        if i + 1 >= SINC_HALF && i + SINC_HALF <= last {
+            return weights.iter().zip(&column[i + 1 - SINC_HALF..]).map(|(w, v)| w * v).sum();
+        }
+        let at = |n: isize| -> f64 {
+            let beyond = n - last as isize;
+            if n < 0 {
+                2.0 * column[0] - column[n.unsigned_abs().min(last)]
+            } else if beyond > 0 {
+                2.0 * column[last] - column[last.saturating_sub(beyond.unsigned_abs())]
+            } else {
+                column[n.unsigned_abs()]
+            }
+        };
+        let first = i as isize + 1 - SINC_HALF as isize;
+        weights.iter().enumerate().map(|(j, w)| w * at(first + j as isize)).sum()
+    }
+}
+
+/// Weights of the rows around, from `SINC_HALF - 1` before to `SINC_HALF` behind: sinc under a Kaiser window, their sum 1.
+fn sinc_weights(share: f64) -> [f64; 2 * SINC_HALF] {
+    // modified Bessel function of the first kind, order 0, by its series
+    let bessel = |x: f64| {
+        let (mut sum, mut term) = (1.0, 1.0);
+        for n in 1..40 {
+            term *= (x / (2.0 * f64::from(n))).powi(2);
+            sum += term;
+        }
+        sum
+    };
+    let mut out = [0.0; 2 * SINC_HALF];
+    for (j, w) in out.iter_mut().enumerate() {
+        let distance = j as f64 - (SINC_HALF - 1) as f64 - share;
+        let inside = 1.0 - (distance / SINC_HALF as f64).powi(2);
+        let x = std::f64::consts::PI * distance;
+        let sinc = if x.abs() < 1e-9 { 1.0 } else { x.sin() / x };
+        *w = sinc * bessel(KAISER * inside.max(0.0).sqrt()) / bessel(KAISER);
+    }
+    let sum: f64 = out.iter().sum();
+    out.map(|w| w / sum)
+}
+
 /// A stretch with a model.
 struct Run<'a, S, E> {
     plant: &'a E,
@@ -105,6 +172,7 @@ struct Run<'a, S, E> {
     effects: EffectSet<S>,
     /// Number of states of plant and effects.
     states: usize,
+    kernels: Kernels,
 }
 
 impl<'a, S: Number, E: Equations> Run<'a, S, E> {
@@ -112,7 +180,7 @@ impl<'a, S: Number, E: Equations> Run<'a, S, E> {
         let (k, effects) = layout.expand(theta);
         let states = plant.header().states.len() + effects.states;
         assert!(states <= MOST_STATES, "{}: {states} states with effects, at most {MOST_STATES}", plant.header().id);
-        Run { plant, stretch, k, effects, states }
+        Run { plant, stretch, k, effects, states, kernels: Kernels::default() }
     }
 
     /// Inputs at row `i` plus a share of the way to the next.
@@ -124,16 +192,7 @@ impl<'a, S: Number, E: Equations> Run<'a, S, E> {
             match self.plant.between() {
                 Between::Held => of(i),
                 Between::Straight => of(i) + share * (of(i + 1) - of(i)),
-                Between::Smooth => {
-                    let (a, b) = (of(i), of(i + 1));
-                    let (da, db) = (0.5 * (b - of(i.saturating_sub(1))), 0.5 * (of(i + 2) - a));
-                    let (s, s2) = (share, share * share);
-                    let s3 = s2 * s;
-                    a * (2.0 * s3 - 3.0 * s2 + 1.0)
-                        + b * (3.0 * s2 - 2.0 * s3)
-                        + da * (s3 - 2.0 * s2 + s)
-                        + db * (s3 - s2)
-                }
+                Between::Smooth => self.kernels.between(c, i, share),
             }
         }));
     }

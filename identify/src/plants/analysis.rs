@@ -5,7 +5,7 @@ use recordings::Role;
 
 use super::{DataError, Section, Source, Table, TablePlant};
 use crate::diagnose::{Added, Declared, Diagnosis, Verdict, diagnose_declared};
-use crate::equivalence::substitutes;
+use crate::equivalence::relatives;
 use crate::findings::{Findings, UNRECOGNISED, Validation, finding};
 use crate::fit::{Effort, Fit, fit};
 use crate::layout::Layout;
@@ -201,11 +201,11 @@ fn equivalents(
 ) -> Result<Vec<String>, SimulationError> {
     let id = added.effect.header().id;
     let Some(n) = after.layout.effects.iter().position(|e| e.header().id == id) else { return Ok(Vec::new()) };
-    let others = substitutes(problem, after, n, library)?;
-    for s in &others {
-        tracing::info!(of = id, by = s.effect.header().id, share = s.share, "substitute");
+    let others = relatives(problem, after, n, library)?;
+    for r in &others {
+        tracing::info!(of = id, by = r.effect.header().id, cosine = r.cosine, share = r.share, "relative");
     }
-    Ok(others.iter().filter(|s| s.is_equivalent()).map(|s| s.effect.header().id.to_string()).collect())
+    Ok(others.iter().filter(|r| r.is_equivalent()).map(|r| r.effect.header().id.to_string()).collect())
 }
 
 /// Ambiguous where no effect of what was added is known for itself; a class beside a known effect is said with that effect.

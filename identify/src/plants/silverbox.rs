@@ -71,7 +71,7 @@ impl Equations for Silverbox {
 
     /// The resonance lies near 70 Hz.
     fn step_s(&self) -> f64 {
-        0.25e-3
+        0.6e-3
     }
 
     /// The input is band-limited to 200 Hz and was sampled at the plant.
@@ -105,9 +105,9 @@ fn stretch(run: usize, u: &[f64], y: &[f64], (first, end): (usize, usize), fitte
 }
 
 impl TablePlant for Silverbox {
-    /// The input between samples is known to about this.
+    /// Eight bits of the signal: converters, and an input that is known at the samples alone.
     fn resolution(&self) -> f64 {
-        0.01
+        0.004
     }
 
     fn sections(&self, table: &Table, source: Source) -> Result<Vec<Section>, DataError> {
