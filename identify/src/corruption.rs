@@ -38,7 +38,7 @@ pub struct Corruption {
 impl Corruption {
     /// Samples of this channel.
     pub fn of(&self, channel: Channel) -> usize {
-        self.spikes[channel as usize] + self.still[channel as usize]
+        self.spikes[channel.index()] + self.still[channel.index()]
     }
 }
 
@@ -58,16 +58,16 @@ pub fn clean(r: &mut Recording, protocol: Protocol) -> Corruption {
         (Channel::Torque, &mut r.torque_nm),
     ] {
         let still = standing_still(values, segment);
-        found.still[channel as usize] = take_out(values, still);
+        found.still[channel.index()] = take_out(values, still);
         let spikes = spikes(values, half);
-        found.spikes[channel as usize] = take_out(values, spikes);
+        found.spikes[channel.index()] = take_out(values, spikes);
     }
     let readings = match protocol {
         Protocol::PumpMap => off_the_line(r),
         Protocol::ClampSteps => off_the_median(r),
         _ => Vec::new(),
     };
-    found.spikes[Channel::Volume as usize] = take_out(&mut r.volume_ml, readings);
+    found.spikes[Channel::Volume.index()] = take_out(&mut r.volume_ml, readings);
     found
 }
 

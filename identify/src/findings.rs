@@ -216,7 +216,7 @@ impl Findings {
     }
 }
 
-fn finding(id: &'static str, diagnosis: &Diagnosis, added: &Added) -> Finding {
+pub(crate) fn finding(id: &'static str, diagnosis: &Diagnosis, added: &Added) -> Finding {
     let header = added.effect.header();
     Finding {
         id,

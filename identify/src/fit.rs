@@ -112,8 +112,8 @@ pub fn fit_from(
             clip(&mut trial.theta, &bounds);
             let taken = DVector::from_iterator(step.len(), trial.theta.iter().zip(&point.theta).map(|(a, b)| a - b));
             for (initial, d) in trial.initial.iter_mut().zip(normal.initial_step(&taken)) {
-                for j in 0..3 {
-                    initial[j] += d[j];
+                for (value, d) in initial.iter_mut().zip(d) {
+                    *value += d;
                 }
             }
             let trial_pieces = if ahead { problem.linearise(layout, &trial).ok() } else { None };

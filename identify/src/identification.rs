@@ -142,7 +142,7 @@ pub fn identify_as(loaded: &Loaded, form: TorqueForm, progress: &dyn Fn(&str)) -
     {
         component = usual;
     }
-    layout.fixed = component.to_vector();
+    layout.fixed = component.to_vector().to_vec();
 
     let theta = layout.vector_of(&component);
     let (first, pieces) = rough_fit(&problem, &layout, theta).map_err(simulation("the identify runs"))?;

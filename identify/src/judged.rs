@@ -30,7 +30,7 @@ const SHOWS: f64 = 4.0;
 /// The effects of `library` whose directions, orthogonal to everything that was fitted, have no weight in the data at any of the sizes
 /// and shapes that their headers call usual.
 pub fn not_judged(library: &[&'static dyn Effect], problem: &Problem, scene: &Scene, misfit: f64) -> Vec<NotJudged> {
-    let recorded: Vec<Protocol> = problem.stretches.iter().map(|s| s.protocol).collect();
+    let recorded: Vec<Protocol> = problem.stretches.iter().filter_map(|s| s.protocol).collect();
     let shows = |effect: &'static dyn Effect| {
         let mut most = 0.0f64;
         // the last ones are the largest

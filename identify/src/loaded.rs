@@ -70,8 +70,8 @@ impl Loaded {
         for (n, run) in self.runs.iter().enumerate().filter(|(_, r)| r.entry.role == role) {
             let pieces = stretches(n, &run.entry.file, run.entry.protocol, run.entry.plane, &run.recording)?;
             for s in pieces {
-                problem.std.push(Channel::ALL.map(|c| self.noise_of(n, c)));
-                problem.steps.push(Channel::ALL.map(|c| self.undithered(n, c)));
+                problem.std.push(Channel::ALL.map(|c| self.noise_of(n, c)).to_vec());
+                problem.steps.push(Channel::ALL.map(|c| self.undithered(n, c)).to_vec());
                 problem.stretches.push(s);
             }
         }
@@ -81,14 +81,14 @@ impl Loaded {
     /// Mean square that a sensor's steps leave structured, in units of its noise squared: where the noise is too small to
     /// dither them.
     fn undithered(&self, run: usize, channel: Channel) -> f64 {
-        let step = self.runs[run].step[channel as usize];
-        let noise = self.runs[run].noise[channel as usize].unwrap_or(0.0);
+        let step = self.runs[run].step[channel.index()];
+        let noise = self.runs[run].noise[channel.index()].unwrap_or(0.0);
         if noise < 0.4 * step { step * step / 12.0 / self.noise_of(run, channel).powi(2) } else { 0.0 }
     }
 
     /// Noise of one sample of a channel in a run, at least what its steps make; where the run does not tell it, the median of the other runs.
     pub fn noise_of(&self, run: usize, channel: Channel) -> f64 {
-        let c = channel as usize;
+        let c = channel.index();
         // the clamp-steps hold one reading of the cylinder for a whole segment: the pump map tells its noise
         let own = match (self.runs[run].entry.protocol, channel) {
             (Protocol::ClampSteps, Channel::Volume) => None,

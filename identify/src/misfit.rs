@@ -10,8 +10,8 @@ use crate::problem::Problem;
 pub struct Part {
     /// Position of the run in the campaign.
     pub run: usize,
-    /// Protocol of the run.
-    pub protocol: Protocol,
+    /// Protocol of the run, if it is of the REC rig.
+    pub protocol: Option<Protocol>,
     /// The lever is free.
     pub free: bool,
     /// Channel.
@@ -32,17 +32,19 @@ pub fn parts(problem: &Problem, residuals: &[Vec<f64>], clusters: &[Vec<usize>])
     let mut out: Vec<Part> = Vec::new();
     let runs: std::collections::BTreeSet<usize> = problem.stretches.iter().map(|s| s.run).collect();
     for run in runs {
-        for channel in Channel::ALL {
+        for channel in problem.channels() {
             let mut sums: std::collections::BTreeMap<usize, f64> = Default::default();
             let (mut weight, mut pairs) = (0.0, 0usize);
             let mut free = false;
             let mut protocol = None;
+            let mut there = false;
             let mut steps = 0.0;
             for (n, s) in problem.stretches.iter().enumerate().filter(|(_, s)| s.run == run) {
                 free = s.stand == Stand::Free;
-                protocol = Some(s.protocol);
-                steps = problem.steps[n][channel as usize];
-                let taken = if free { colour[channel as usize] } else { 0.0 };
+                protocol = s.protocol;
+                there = true;
+                steps = problem.steps[n][channel.index()];
+                let taken = if free { colour[channel.index()] } else { 0.0 };
                 let mut last: Option<f64> = None;
                 for (t, target) in s.targets.iter().enumerate().filter(|(_, t)| t.channel == channel) {
                     let r = residuals[n][t];
@@ -54,8 +56,7 @@ pub fn parts(problem: &Problem, residuals: &[Vec<f64>], clusters: &[Vec<usize>])
                     last = Some(r);
                 }
             }
-            let Some(protocol) = protocol else { continue };
-            if pairs < 10 {
+            if !there || pairs < 10 {
                 continue;
             }
             let total: f64 = sums.values().sum::<f64>() - steps * weight;
@@ -70,12 +71,13 @@ pub fn parts(problem: &Problem, residuals: &[Vec<f64>], clusters: &[Vec<usize>])
 /// Mean product of neighbouring blocks before the first motion, by channel, where it is more than chance: the colour of
 /// the noise itself. Taken from the measured values about their own straight line, not from the residual: a model that
 /// is wrong at rest must not pass for noise.
-fn colour_at_rest(problem: &Problem) -> [f64; 5] {
-    let mut sums = [0.0; 5];
-    let mut pairs = [0usize; 5];
+fn colour_at_rest(problem: &Problem) -> Vec<f64> {
+    let count = problem.channels().len();
+    let mut sums = vec![0.0; count];
+    let mut pairs = vec![0usize; count];
     for (n, s) in problem.stretches.iter().enumerate().filter(|(_, s)| s.stand == Stand::Free) {
-        let moved = s.voltage_v.iter().position(|u| *u != 0.0).unwrap_or(s.rows());
-        for channel in Channel::ALL {
+        let moved = problem.plant.rest_rows(s);
+        for channel in problem.channels() {
             let rest: Vec<f64> = (0..s.targets.len())
                 .filter(|&t| s.targets[t].channel == channel && s.targets[t].middle < moved)
                 .map(|t| s.targets[t].measured / problem.target_std(n, t))
@@ -84,14 +86,15 @@ fn colour_at_rest(problem: &Problem) -> [f64; 5] {
                 continue;
             }
             let level = about_line(&rest);
-            sums[channel as usize] += level.windows(2).map(|w| w[0] * w[1]).sum::<f64>();
-            pairs[channel as usize] += rest.len() - 1;
+            sums[channel.index()] += level.windows(2).map(|w| w[0] * w[1]).sum::<f64>();
+            pairs[channel.index()] += rest.len() - 1;
         }
     }
-    std::array::from_fn(|c| {
+    let of = |c: usize| {
         let n = pairs[c] as f64;
         if n > 0.0 && sums[c] > 3.0 * n.sqrt() { sums[c] / n } else { 0.0 }
-    })
+    };
+    (0..count).map(of).collect()
 }
 
 /// Values less their least-squares line over the index.

@@ -1,4 +1,4 @@
-//! What a model says about a stretch: free run from its initial state, with the recorded inputs.
+//! What a model of the REC rig says about a stretch: free run from its initial state, with the recorded inputs.
 
 use model::effects::EffectSet;
 use model::integrate::{Integrator, Seeds, Sensitivity, SimulationError, Trail};
@@ -9,14 +9,14 @@ use model::scalar::{Scalar, Tangent};
 use crate::layout::Layout;
 use crate::prepare::{Channel, Stand, Stretch};
 
-/// Corrections of a stretch's initial values: angle (rad), pressures (bar).
-pub type Initial = [f64; 3];
+/// Corrections of a stretch's initial values; on the REC rig angle (rad), pressures (bar).
+pub type Initial = Vec<f64>;
 
 /// Predictions at a stretch's targets with their derivatives.
 pub struct Linear {
     /// One a target.
     pub predicted: Vec<f64>,
-    /// Row-major, one row a target: a column for each entry of the parameter vector, then three for the initial values.
+    /// Row-major, one row a target: a column for each entry of the parameter vector, then one for each initial value.
     pub slope: Vec<f64>,
 }
 
@@ -40,7 +40,7 @@ struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    fn start(stretch: &'a Stretch, k: &'a [f64], effects: &'a EffectSet<f64>, initial: &Initial) -> Self {
+    fn start(stretch: &'a Stretch, k: &'a [f64], effects: &'a EffectSet<f64>, initial: &[f64]) -> Self {
         let states = STATES + effects.states;
         let mut x = vec![0.0; states];
         let mut scratch = vec![0.0; states];
@@ -115,7 +115,7 @@ impl<'a> Run<'a> {
         } else {
             [self.x[state::ANGLE] * DEGREES, self.x[state::PRESSURE1], self.x[state::PRESSURE2]]
         };
-        let torque = if s.measured[Channel::Torque as usize].is_empty() {
+        let torque = if s.measured[Channel::Torque.index()].is_empty() {
             f64::NAN
         } else {
             let input = self.standing_input(i);
@@ -135,7 +135,7 @@ pub fn predict(
     stretch: &Stretch,
     layout: &Layout,
     theta: &[f64],
-    initial: &Initial,
+    initial: &[f64],
 ) -> Result<Vec<f64>, SimulationError> {
     let (k, effects) = layout.expand(theta);
     let mut run = Run::start(stretch, &k, &effects, initial);
@@ -157,7 +157,7 @@ pub fn predict_rows(
     stretch: &Stretch,
     layout: &Layout,
     theta: &[f64],
-    initial: &Initial,
+    initial: &[f64],
 ) -> Result<Vec<[f64; 5]>, SimulationError> {
     let (k, effects) = layout.expand(theta);
     let mut run = Run::start(stretch, &k, &effects, initial);
@@ -208,7 +208,7 @@ pub fn linearise(
     stretch: &Stretch,
     layout: &Layout,
     theta: &[f64],
-    initial: &Initial,
+    initial: &[f64],
 ) -> Result<Linear, SimulationError> {
     let (k, effects) = layout.expand(theta);
     let columns = layout.len();
@@ -344,7 +344,7 @@ fn output_slope(
                 let y = if channel == Channel::Torque {
                     rec::derivative(&input, k, effects, stretch.time_s[i], &x, &mut scratch).torque_nm
                 } else {
-                    rec::shown(effects, stretch.time_s[i], &x, &mut scratch)[channel as usize]
+                    rec::shown(effects, stretch.time_s[i], &x, &mut scratch)[channel.index()]
                 };
                 through.copy_from_slice(&y.slope[..states]);
                 out[first..first + count].copy_from_slice(&y.slope[states..states + count]);

@@ -1,23 +1,27 @@
 //! A set of stretches with weights: residuals, their derivatives, and the normal equations.
 
 use model::integrate::SimulationError;
-use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use crate::layout::Layout;
-use crate::predict::{Initial, linearise, predict};
+use crate::plant::Plant;
+use crate::plants::rec::REC;
+use crate::predict::Initial;
 use crate::prepare::{Channel, Stretch};
 
 /// What is fitted: stretches and the standard deviation of a single sample of each of their channels.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Problem {
+    /// Whose stretches they are.
+    pub plant: &'static dyn Plant,
     /// The stretches.
     pub stretches: Vec<Stretch>,
     /// By stretch and [`Channel`]: standard deviation of one sample's noise, in the channel's unit.
-    pub std: Vec<[f64; 5]>,
+    pub std: Vec<Vec<f64>>,
     /// By stretch and [`Channel`]: mean square that the steps of a sensor leave structured, where its noise does not dither
     /// them, in units of `std` squared; 0 for most.
-    pub steps: Vec<[f64; 5]>,
+    pub steps: Vec<Vec<f64>>,
 }
 
 /// A point in the space of a fit.
@@ -33,7 +37,7 @@ pub struct Point {
 pub struct Piece {
     /// (measured - predicted) / standard error, one a target.
     pub residual: Vec<f64>,
-    /// d predicted / d parameter / standard error, row-major with `columns + 3` columns.
+    /// d predicted / d parameter / standard error, row-major with a column for each parameter and each initial value.
     pub slope: Vec<f64>,
 }
 
@@ -44,28 +48,41 @@ pub struct Normal {
     /// J'r likewise.
     pub gradient: DVector<f64>,
     /// By stretch: inverse of the initial values' block, their coupling to the parameters, and their gradient.
-    eliminated: Vec<(Matrix3<f64>, DMatrix<f64>, Vector3<f64>)>,
+    eliminated: Vec<(DMatrix<f64>, DMatrix<f64>, DVector<f64>)>,
+}
+
+impl Default for Problem {
+    /// Nothing yet, of the REC rig.
+    fn default() -> Self {
+        Problem { plant: &REC, stretches: Vec::new(), std: Vec::new(), steps: Vec::new() }
+    }
 }
 
 impl Problem {
+    /// The plant's channels.
+    pub fn channels(&self) -> impl ExactSizeIterator<Item = Channel> + use<> {
+        (0..self.plant.header().channels.len() as u8).map(Channel)
+    }
+
     /// Standard error of a target.
     pub fn target_std(&self, stretch: usize, target: usize) -> f64 {
         let t = &self.stretches[stretch].targets[target];
-        self.std[stretch][t.channel as usize] / (t.samples as f64).sqrt()
+        self.std[stretch][t.channel.index()] / (t.samples as f64).sqrt()
     }
 
     /// A point with these parameters and uncorrected initial values.
     pub fn point(&self, theta: Vec<f64>) -> Point {
-        Point { theta, initial: vec![[0.0; 3]; self.stretches.len()] }
+        Point { theta, initial: self.stretches.iter().map(|s| vec![0.0; s.initial.len()]).collect() }
     }
 
     /// The stretches that `keep` selects.
     pub fn part(&self, keep: impl Fn(usize, &Stretch) -> bool) -> (Problem, Vec<usize>) {
         let chosen: Vec<usize> = (0..self.stretches.len()).filter(|&i| keep(i, &self.stretches[i])).collect();
         let part = Problem {
+            plant: self.plant,
             stretches: chosen.iter().map(|&i| self.stretches[i].clone()).collect(),
-            std: chosen.iter().map(|&i| self.std[i]).collect(),
-            steps: chosen.iter().map(|&i| self.steps[i]).collect(),
+            std: chosen.iter().map(|&i| self.std[i].clone()).collect(),
+            steps: chosen.iter().map(|&i| self.steps[i].clone()).collect(),
         };
         (part, chosen)
     }
@@ -73,7 +90,7 @@ impl Problem {
     /// The same stretches, those with a free lever no longer than `length_s` each.
     pub fn shortened(&self, length_s: f64) -> Problem {
         let stretches = self.stretches.iter().map(|s| s.shortened(length_s)).collect();
-        Problem { stretches, std: self.std.clone(), steps: self.steps.clone() }
+        Problem { plant: self.plant, stretches, std: self.std.clone(), steps: self.steps.clone() }
     }
 
     /// Number of targets.
@@ -87,7 +104,7 @@ impl Problem {
             .into_par_iter()
             .with_max_len(1)
             .map(|n| {
-                let y = predict(&self.stretches[n], layout, &point.theta, &point.initial[n])?;
+                let y = self.plant.predict(&self.stretches[n], layout, &point.theta, &point.initial[n])?;
                 Ok(self.weigh(n, &y))
             })
             .collect()
@@ -113,7 +130,7 @@ impl Problem {
     fn prior(&self, point: &Point) -> f64 {
         let mut sum = 0.0;
         for (s, initial) in self.stretches.iter().zip(&point.initial) {
-            for j in 0..3 {
+            for j in 0..initial.len() {
                 if s.initial_std[j] > 0.0 {
                     sum += (initial[j] / s.initial_std[j]).powi(2);
                 }
@@ -135,12 +152,12 @@ impl Problem {
 
     /// Residuals and derivatives of every stretch.
     pub fn linearise(&self, layout: &Layout, point: &Point) -> Result<Vec<Piece>, SimulationError> {
-        let columns = layout.len() + 3;
         (0..self.stretches.len())
             .into_par_iter()
             .with_max_len(1)
             .map(|n| {
-                let linear = linearise(&self.stretches[n], layout, &point.theta, &point.initial[n])?;
+                let linear = self.plant.linearise(&self.stretches[n], layout, &point.theta, &point.initial[n])?;
+                let columns = layout.len() + point.initial[n].len();
                 let residual = self.weigh(n, &linear.predicted);
                 let mut slope = linear.slope;
                 for (t, row) in slope.chunks_mut(columns).enumerate() {
@@ -160,7 +177,8 @@ impl Problem {
         let mut gradient = DVector::zeros(columns);
         let mut eliminated = Vec::new();
         for (n, piece) in pieces.iter().enumerate() {
-            let all = columns + 3;
+            let own = point.initial[n].len();
+            let all = columns + own;
             let (mut h, mut g) = (vec![0.0; all * all], vec![0.0; all]);
             for (row, r) in piece.slope.chunks(all).zip(&piece.residual) {
                 for i in 0..all {
@@ -175,19 +193,19 @@ impl Problem {
             }
             let at = |i: usize, j: usize| if i >= j { h[i * all + j] } else { h[j * all + i] };
             let std = &self.stretches[n].initial_std;
-            let mut inner = Matrix3::zeros();
-            let mut inner_gradient = Vector3::zeros();
-            let mut free = [false; 3];
-            for i in 0..3 {
+            let mut inner = DMatrix::zeros(own, own);
+            let mut inner_gradient = DVector::zeros(own);
+            let mut free = vec![false; own];
+            for i in 0..own {
                 free[i] = std[i] > 0.0;
                 inner_gradient[i] =
                     if free[i] { g[columns + i] - point.initial[n][i] / (std[i] * std[i]) } else { 0.0 };
-                for j in 0..3 {
+                for j in 0..own {
                     inner[(i, j)] = at(columns + i, columns + j);
                 }
             }
-            for i in 0..3 {
-                for j in 0..3 {
+            for i in 0..own {
+                for j in 0..own {
                     if !(free[i] && free[j]) {
                         inner[(i, j)] = if i == j { 1.0 } else { 0.0 };
                     }
@@ -196,14 +214,14 @@ impl Problem {
                     inner[(i, i)] += 1.0 / (std[i] * std[i]);
                 }
             }
-            let inverse = inner.try_inverse().unwrap_or_else(Matrix3::zeros);
-            let mut coupling = DMatrix::zeros(3, columns);
-            for i in (0..3).filter(|&i| free[i]) {
+            let inverse = inner.try_inverse().unwrap_or_else(|| DMatrix::zeros(own, own));
+            let mut coupling = DMatrix::zeros(own, columns);
+            for i in (0..own).filter(|&i| free[i]) {
                 for j in 0..columns {
                     coupling[(i, j)] = at(columns + i, j);
                 }
             }
-            let reduced = inverse * &coupling;
+            let reduced = &inverse * &coupling;
             for i in 0..columns {
                 gradient[i] += g[i];
                 for j in 0..columns {
@@ -211,7 +229,7 @@ impl Problem {
                 }
             }
             matrix -= coupling.transpose() * &reduced;
-            gradient -= reduced.transpose() * inner_gradient;
+            gradient -= reduced.transpose() * &inner_gradient;
             eliminated.push((inverse, coupling, inner_gradient));
         }
         Normal { matrix, gradient, eliminated }
@@ -226,7 +244,7 @@ impl Problem {
         for ((piece, factors), s) in pieces.iter_mut().zip(factors).zip(&self.stretches) {
             let columns = piece.slope.len() / s.targets.len().max(1);
             for (t, (r, row)) in piece.residual.iter_mut().zip(piece.slope.chunks_mut(columns.max(1))).enumerate() {
-                let factor = factors[s.targets[t].channel as usize];
+                let factor = factors[s.targets[t].channel.index()];
                 *r /= factor;
                 row.iter_mut().for_each(|v| *v /= factor);
             }
@@ -234,11 +252,11 @@ impl Problem {
     }
 
     /// By stretch and channel: by how much the noise is larger than was thought, which it is from now on.
-    fn widen(&mut self, residuals: &[Vec<f64>]) -> Vec<[f64; 5]> {
-        let mut factors = vec![[1.0; 5]; self.stretches.len()];
+    fn widen(&mut self, residuals: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let mut factors = vec![vec![1.0; self.channels().len()]; self.stretches.len()];
         let runs: std::collections::BTreeSet<usize> = self.stretches.iter().map(|s| s.run).collect();
         for run in runs {
-            for channel in Channel::ALL {
+            for channel in self.channels() {
                 let mut series = Vec::new();
                 let members: Vec<usize> = (0..self.stretches.len()).filter(|&n| self.stretches[n].run == run).collect();
                 for &n in &members {
@@ -250,8 +268,8 @@ impl Problem {
                 let factor = crate::noise::white_std(&series).unwrap_or(1.0);
                 if factor > 1.1 {
                     for &n in &members {
-                        self.std[n][channel as usize] *= factor;
-                        factors[n][channel as usize] = factor;
+                        self.std[n][channel.index()] *= factor;
+                        factors[n][channel.index()] = factor;
                     }
                 }
             }
@@ -263,23 +281,23 @@ impl Problem {
 impl Normal {
     /// What a stretch's initial values take of a gradient: their part of the parameters' gradient, and their own gradient
     /// with fixed entries at 0.
-    pub(crate) fn eliminate(&self, stretch: usize, own: [f64; 3]) -> (Vec<f64>, [f64; 3]) {
+    pub(crate) fn eliminate(&self, stretch: usize, own: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let (inverse, coupling, _) = &self.eliminated[stretch];
         let free = |i: usize| coupling.row(i).iter().any(|v| *v != 0.0);
-        let own = [0, 1, 2].map(|i| if free(i) { own[i] } else { 0.0 });
-        let direct = coupling.transpose() * (inverse * Vector3::from(own));
+        let own: Vec<f64> = (0..own.len()).map(|i| if free(i) { own[i] } else { 0.0 }).collect();
+        let direct = coupling.transpose() * (inverse * DVector::from_column_slice(&own));
         (direct.iter().copied().collect(), own)
     }
 
     /// The initial values' step for a parameter step and their own gradients.
-    pub(crate) fn back(&self, step: &DVector<f64>, own: &[[f64; 3]]) -> Vec<Initial> {
+    pub(crate) fn back(&self, step: &DVector<f64>, own: &[Vec<f64>]) -> Vec<Initial> {
         self.eliminated
             .iter()
             .zip(own)
             .map(|((inverse, coupling, _), own)| {
                 let moved = coupling * step;
-                let d = inverse * (Vector3::from(*own) - Vector3::new(moved[0], moved[1], moved[2]));
-                [d[0], d[1], d[2]]
+                let d = inverse * (DVector::from_column_slice(own) - moved);
+                d.iter().copied().collect()
             })
             .collect()
     }
@@ -291,18 +309,20 @@ impl Normal {
         stretch: usize,
         piece: &Piece,
         columns: usize,
-        initial: &Initial,
-        std: &[f64; 3],
+        initial: &[f64],
+        std: &[f64],
     ) -> (Vec<f64>, Vec<f64>) {
         let (inverse, coupling, _) = &self.eliminated[stretch];
         let taken = inverse * coupling;
         let mut rows = Vec::with_capacity(piece.residual.len() * columns);
-        for row in piece.slope.chunks(columns + 3) {
+        let count = initial.len();
+        for row in piece.slope.chunks(columns + count) {
             let own = &row[columns..];
-            rows.extend((0..columns).map(|j| row[j] - (0..3).map(|i| own[i] * taken[(i, j)]).sum::<f64>()));
+            rows.extend((0..columns).map(|j| row[j] - (0..count).map(|i| own[i] * taken[(i, j)]).sum::<f64>()));
         }
-        let pull = [0, 1, 2].map(|i| if std[i] > 0.0 { initial[i] / (std[i] * std[i]) } else { 0.0 });
-        let prior = (0..columns).map(|j| (0..3).map(|i| pull[i] * taken[(i, j)]).sum()).collect();
+        let pull: Vec<f64> =
+            (0..count).map(|i| if std[i] > 0.0 { initial[i] / (std[i] * std[i]) } else { 0.0 }).collect();
+        let prior = (0..columns).map(|j| (0..count).map(|i| pull[i] * taken[(i, j)]).sum()).collect();
         (rows, prior)
     }
 
@@ -312,8 +332,8 @@ impl Normal {
             .iter()
             .map(|(inverse, coupling, gradient)| {
                 let moved = coupling * step;
-                let d = inverse * (gradient - Vector3::new(moved[0], moved[1], moved[2]));
-                [d[0], d[1], d[2]]
+                let d = inverse * (gradient - moved);
+                d.iter().copied().collect()
             })
             .collect()
     }

@@ -31,7 +31,7 @@ const NAMED: f64 = 0.15;
 /// The fit can't be simulated.
 pub fn rank(problem: &Problem, fit: &Fit, normal: &Normal) -> Result<Rank, SimulationError> {
     let mut layout = fit.layout.clone();
-    layout.fixed = layout.parameters(&fit.point.theta).to_vector();
+    layout.fixed = layout.parameters(&fit.point.theta).to_vector().to_vec();
     let fitted = fit.layout.base.len();
     let after = fit.point.theta[fitted..].to_vec();
     layout.base = FREE.to_vec();

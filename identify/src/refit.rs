@@ -47,7 +47,7 @@ pub fn refit(
             let mut point = bases.current.point.clone();
             if from_component {
                 point.theta[..bases.component.len()].copy_from_slice(bases.component);
-                point.initial.fill([0.0; 3]);
+                point.initial.iter_mut().for_each(|values| values.fill(0.0));
             }
             point.theta.extend_from_slice(start);
             let cost = problem.cost(&layout, &point);

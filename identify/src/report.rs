@@ -198,8 +198,8 @@ fn corrupted(subject: &Subject) -> Vec<Corrupted> {
             out.push(Corrupted {
                 run: run.entry.file.clone(),
                 channel: c.column(),
-                spikes: run.corruption.spikes[c as usize],
-                standing_still: run.corruption.still[c as usize],
+                spikes: run.corruption.spikes[c.index()],
+                standing_still: run.corruption.still[c.index()],
             });
         }
     }

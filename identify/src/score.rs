@@ -9,11 +9,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use crate::fit::{Fit, covariance};
-use crate::prepare::Stand;
 use crate::problem::{Normal, Piece, Problem};
-
-/// Length of a cluster where the lever moves freely, s: several times what the residual remembers.
-const CLUSTER_S: f64 = 5.0;
 
 /// A model with its residual and derivatives, ready to test candidates against.
 pub struct Scene<'a> {
@@ -82,13 +78,14 @@ impl<'a> Scene<'a> {
     /// Removes from a vector of targets what parameters and initial values can produce.
     fn orthogonal(&self, mut v: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
         let columns = self.fit.layout.len();
-        let all = columns + 3;
         // J'v with the initial values eliminated: the same formula as for the gradient
         let as_pieces: Vec<Vec<f64>> = self
             .pieces
             .iter()
             .zip(&v)
-            .map(|(p, v)| {
+            .zip(&self.fit.point.initial)
+            .map(|((p, v), initial)| {
+                let all = columns + initial.len();
                 let mut g = vec![0.0; all];
                 for (row, x) in p.slope.chunks(all).zip(v) {
                     for (g, s) in g.iter_mut().zip(row) {
@@ -102,9 +99,10 @@ impl<'a> Scene<'a> {
         let step = &self.inverse * reduced;
         let initial = self.normal.back(&step, &inner);
         for ((p, v), d) in self.pieces.iter().zip(&mut v).zip(&initial) {
+            let all = columns + d.len();
             for (row, x) in p.slope.chunks(all).zip(v.iter_mut()) {
                 let fitted: f64 = row[..columns].iter().zip(step.iter()).map(|(a, b)| a * b).sum();
-                *x -= fitted + row[columns] * d[0] + row[columns + 1] * d[1] + row[columns + 2] * d[2];
+                *x -= row[columns..].iter().zip(d).fold(fitted, |sum, (a, b)| sum + a * b);
             }
         }
         v
@@ -188,12 +186,11 @@ impl Evidence {
 
 impl Normal {
     /// J'v of each stretch (parameters, then initial values), reduced like the gradient; and the initial values' own part.
-    fn reduce(&self, each: &[Vec<f64>], columns: usize) -> (DVector<f64>, Vec<[f64; 3]>) {
+    fn reduce(&self, each: &[Vec<f64>], columns: usize) -> (DVector<f64>, Vec<Vec<f64>>) {
         let mut out = DVector::zeros(columns);
         let mut inner = Vec::new();
         for (n, g) in each.iter().enumerate() {
-            let own = [g[columns], g[columns + 1], g[columns + 2]];
-            let (direct, own) = self.eliminate(n, own);
+            let (direct, own) = self.eliminate(n, &g[columns..]);
             for j in 0..columns {
                 out[j] += g[j] - direct[j];
             }
@@ -203,14 +200,14 @@ impl Normal {
     }
 }
 
-/// Clusters of targets: stretches of [`CLUSTER_S`] where the lever is free or led, whole stretches elsewhere.
+/// Clusters of targets: pieces of [`crate::plant::Plant::cluster_s`], or whole stretches.
 pub fn clusters(problem: &Problem) -> (Vec<Vec<usize>>, usize) {
     let mut count = 0;
     let mut out = Vec::new();
     for s in &problem.stretches {
-        let long = matches!(s.stand, Stand::Free | Stand::Led);
+        let length_s = problem.plant.cluster_s(s);
         let first = s.time_s[0];
-        let of = |t: f64| if long { ((t - first) / CLUSTER_S) as usize } else { 0 };
+        let of = |t: f64| length_s.map_or(0, |l| ((t - first) / l) as usize);
         out.push(s.targets.iter().map(|t| count + of(t.time_s)).collect());
         count += 1 + of(s.time_s[s.rows() - 1]);
     }

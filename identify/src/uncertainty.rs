@@ -32,12 +32,14 @@ impl Uncertainty {
 
     /// Of a fit that is linearised already.
     pub fn of_linear(problem: &Problem, fit: &Fit, pieces: &[Piece], normal: &Normal) -> Self {
-        let losses = fit.layout.parameters(&fit.point.theta).losses;
         let mut l4_slope = [0.0; COUNT];
-        l4_slope[index::L1] = losses.a;
-        l4_slope[index::L2] = 1.0;
-        l4_slope[index::L3] = 1.0 / losses.a;
-        l4_slope[index::A] = losses.l1 - losses.l3 / (losses.a * losses.a);
+        if fit.layout.is_of_the_rig() {
+            let losses = fit.layout.parameters(&fit.point.theta).losses;
+            l4_slope[index::L1] = losses.a;
+            l4_slope[index::L2] = 1.0;
+            l4_slope[index::L3] = 1.0 / losses.a;
+            l4_slope[index::A] = losses.l1 - losses.l3 / (losses.a * losses.a);
+        }
         let misfit = (fit.cost / problem.targets() as f64).max(1.0);
         let plain = covariance(&normal.matrix) * misfit;
         let robust = sandwich(problem, fit, pieces, normal);

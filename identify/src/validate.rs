@@ -140,7 +140,7 @@ impl ValidatedRun {
             .map(|score| Compared {
                 before: *score,
                 after: after.and_then(|a| a.scores.iter().find(|s| s.channel == score.channel).copied()),
-                noise_floor: self.noise_floor[score.channel as usize],
+                noise_floor: self.noise_floor[score.channel.index()],
             })
             .collect()
     }
@@ -163,7 +163,7 @@ impl ValidatedRun {
 
 /// Error of one channel over all stretches; `None` where it was not measured or is an input.
 fn score(stretches: &[Stretch], rows: &[Vec<[f64; 5]>], channel: Channel) -> Option<Score> {
-    let c = channel as usize;
+    let c = channel.index();
     let measured = || {
         let pairs = stretches.iter().zip(rows).filter(|(s, _)| !s.measured[c].is_empty());
         pairs

@@ -78,7 +78,7 @@ pub fn whiteness(run: &ValidatedRun, simulated: &Simulated, recording: &Recordin
     ];
     let mut out = Vec::new();
     for score in &simulated.scores {
-        let c = score.channel as usize;
+        let c = score.channel.index();
         let residual: Vec<f64> = blocks().map(|b| mean(b.map(|i| stretch.measured[c][i] - rows[i][c])).0).collect();
         let Some(e) = Series::of(&residual) else { continue };
         let auto: Vec<f64> = (1..=lags).map(|k| e.with(&e, k)).collect();

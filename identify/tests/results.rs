@@ -262,7 +262,7 @@ fn the_model_file_simulates_the_same_bit_for_bit() {
     let again = Layout {
         base: Vec::new(),
         effects: read.effect.iter().map(|e| find(&e.id).unwrap()).collect(),
-        fixed: read.parameters.to_vector(),
+        fixed: read.parameters.to_vector().to_vec(),
         u_max: read.parameters.pump.u_max,
         ..fit.layout.clone()
     };

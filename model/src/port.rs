@@ -1,7 +1,8 @@
 //! Ports: where an effect touches a plant. A plant fills the signals of a port, lets the effects act, and goes on with
 //! what they left. An effect knows the port, never the plant, so a second plant gets the whole library.
 //!
-//! Units: rad, rad/s, Nm, bar absolute, ml/s, ml/bar, ml/rad, V, s.
+//! Units: rad, rad/s, Nm, bar absolute, ml/s, ml/bar, ml/rad, V, s. A plant that moves along a line fills the mechanical port with
+//! position, speed and force.
 
 use crate::scalar::Scalar;
 
@@ -79,6 +80,9 @@ pub struct HydraulicPort<S> {
 }
 
 /// Signals of a body that moves.
+///
+/// On a plant that moves along a line, angle, velocity and torque stand for position (m), speed (m/s) and force (N), or for what the
+/// plant's header gives as their units; effects read rad as that unit. Signals that the plant lacks (`dp_bar`, `load_bar`) are 0.
 pub struct MechanicalPort<S> {
     /// Since the run's start, s.
     pub time_s: f64,

@@ -56,7 +56,7 @@ impl<'a> Yardstick<'a> {
                 let with = predict_rows(s, &all, &values, &[0.0; 3])?;
                 let without = predict_rows(s, &refitted.layout, &refitted.point.theta, &[0.0; 3])?;
                 for (c, floor) in CHANNELS.iter().zip(floors) {
-                    let c = *c as usize;
+                    let c = c.index();
                     let sum: f64 = with.iter().zip(&without).map(|(a, b)| (a[c] - b[c]).powi(2)).sum();
                     largest = largest.max((sum / with.len() as f64).sqrt() / floor);
                 }
@@ -93,7 +93,7 @@ impl<'a> Yardstick<'a> {
                     .into_iter()
                     .enumerate()
                     .map(|(n, channel)| {
-                        let sum: f64 = clean.iter().zip(rows).map(|(c, y)| (c[n] - y[channel as usize]).powi(2)).sum();
+                        let sum: f64 = clean.iter().zip(rows).map(|(c, y)| (c[n] - y[channel.index()]).powi(2)).sum();
                         let rmse = simulated.scores.iter().find(|s| s.channel == channel).map_or(f64::NAN, |s| s.rmse);
                         ChannelError { caused: (sum / rows.len() as f64).sqrt() / floors[n], rmse: rmse / floors[n] }
                     })

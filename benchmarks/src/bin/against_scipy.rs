@@ -42,7 +42,7 @@ fn compare(python: &str, script: &str) -> Result<bool, Box<dyn Error>> {
     let loaded = record(&truth, Noise::default(), 1)?;
     let identified = identify(&loaded, &|_| ())?;
     let mut problem = identified.problem;
-    problem.stretches.iter_mut().for_each(|s| s.initial_std = [0.0; 3]);
+    problem.stretches.iter_mut().for_each(|s| s.initial_std = vec![0.0; 3]);
     // as after the component experiments
     let layout = Layout::base(&identified.component);
     let start = layout.vector_of(&identified.component);
@@ -94,7 +94,7 @@ fn write(problem: &Problem, layout: &Layout, start: &[f64], dir: &Path) -> Resul
         put(&mut or_nothing(&s.angle_rad).into_iter());
         s.pressure_bar.iter().for_each(|p| put(&mut or_nothing(p).into_iter()));
         for c in Channel::ALL {
-            put(&mut or_nothing(&s.measured[c as usize]).into_iter());
+            put(&mut or_nothing(&s.measured[c.index()]).into_iter());
         }
         let stand = match s.stand {
             Stand::Free => 0,

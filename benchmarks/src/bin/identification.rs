@@ -138,7 +138,9 @@ fn deviation(stretch: &Stretch, truth: &Parameters, rows: &[[f64; 5]]) -> Result
     let effects = EffectSet::none();
     let integrator = Integrator::new(REFERENCE_S);
     let mut x = vec![0.0; STATES];
-    for (i, value) in [state::ANGLE, state::PRESSURE1, state::PRESSURE2].into_iter().zip(stretch.initial) {
+    for (i, value) in
+        [state::ANGLE, state::PRESSURE1, state::PRESSURE2].into_iter().zip(stretch.initial.iter().copied())
+    {
         x[i] = value;
     }
     let mut most = [0.0f64; 3];

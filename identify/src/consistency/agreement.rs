@@ -24,8 +24,8 @@ const OWN: [(Protocol, &[usize]); 4] = {
 pub(super) fn checks(m: &Material) -> Vec<Check> {
     let mut out = Vec::new();
     for (protocol, parameters) in OWN {
-        let own = alone(m, parameters, |s| s.protocol == protocol);
-        let others = alone(m, &[], |s| s.protocol != protocol);
+        let own = alone(m, parameters, |s| s.protocol == Some(protocol));
+        let others = alone(m, &[], |s| s.protocol != Some(protocol));
         for &p in parameters {
             let what = format!("{} from {} less that from all other runs", NAMES[p], protocol.as_str());
             let of = |set: &[(usize, f64, f64)]| set.iter().find(|(q, _, _)| *q == p).map(|(_, v, s)| (*v, *s));

@@ -127,11 +127,11 @@ pub fn would_give(
             let samples = (rest as f64 * ours / theirs).max(1.0);
             for (j, channel) in [Channel::Angle, Channel::Pressure1, Channel::Pressure2].into_iter().enumerate() {
                 let unit = if j == 0 { std::f64::consts::PI / 180.0 } else { 1.0 };
-                s.initial_std[j] = 2.0 * std[channel as usize] * unit / samples.sqrt();
+                s.initial_std[j] = 2.0 * std[channel.index()] * unit / samples.sqrt();
             }
         }
-        run.std.push(std);
-        run.steps.push([0.0; 5]);
+        run.std.push(std.to_vec());
+        run.steps.push(vec![0.0; 5]);
         run.stretches.push(s);
     }
     Ok(run)
@@ -142,7 +142,7 @@ fn typical_std(campaign: &Problem, stand: Stand) -> [f64; 5] {
     Channel::ALL.map(|c| {
         let of = |like: bool| -> Vec<f64> {
             let both = campaign.stretches.iter().zip(&campaign.std);
-            both.filter(|(s, _)| !like || s.stand == stand).map(|(_, std)| std[c as usize]).collect()
+            both.filter(|(s, _)| !like || s.stand == stand).map(|(_, std)| std[c.index()]).collect()
         };
         let mut own = of(true);
         if own.is_empty() {

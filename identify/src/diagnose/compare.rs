@@ -5,9 +5,8 @@ use model::effects::empirical::EMPIRICAL;
 use model::integrate::SimulationError;
 
 use super::round::Round;
-use super::{PREFERRED, Ranked};
+use super::{Declared, PREFERRED, Ranked};
 use crate::fit::{Effort, Fit};
-use crate::identification::Identified;
 use crate::problem::Problem;
 use crate::refit::{Bases, Refit, advantage, refit};
 use crate::score::Direction;
@@ -149,7 +148,7 @@ pub(super) fn where_they_differ(problem: &Problem, a: &Fit, b: &Fit) -> Result<S
         .into_iter()
         .max_by(|a, b| (a.1.0 / a.1.1 as f64).total_cmp(&(b.1.0 / b.1.1 as f64)))
         .unwrap_or((0, (0.0, 1)));
-    let protocol = problem.stretches.iter().find(|s| s.run == run).map_or("", |s| s.protocol.as_str());
+    let protocol = problem.stretches.iter().find(|s| s.run == run).and_then(|s| s.protocol).map_or("", |p| p.as_str());
     Ok(format!(
         "another {protocol} run, several times as long or with larger amplitude: there the leading candidates differ most ({:.2} noise floors RMS)",
         (sum / n as f64).sqrt()
@@ -161,15 +160,17 @@ pub(super) fn empirical(
     brief: &Problem,
     short: &Problem,
     problem: &Problem,
-    identified: &Identified,
+    identified: &Declared,
     component: &[f64],
     progress: &dyn Fn(&str),
 ) -> Result<Option<(&'static dyn Effect, Fit)>, SimulationError> {
-    let round = Round::new(brief, &identified.fit, EMPIRICAL.iter().copied())?;
+    let ports = problem.plant.header().ports;
+    let terms = || EMPIRICAL.iter().filter(|e| e.header().ports.iter().all(|p| ports.contains(p)));
+    let round = Round::new(brief, identified.fit, terms().copied())?;
     let mut gains: Vec<(f64, &'static dyn Effect)> =
-        EMPIRICAL.iter().map(|e| (round.gram.gain(&round.of(e.header().id)), *e)).collect();
+        terms().map(|e| (round.gram.gain(&round.of(e.header().id)), *e)).collect();
     gains.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let bases = Bases { current: &identified.fit, component, short, gross: false };
+    let bases = Bases { current: identified.fit, component, short, gross: false };
     let sets: Vec<Vec<&'static dyn Effect>> = gains.into_iter().take(3).map(|(_, e)| vec![e]).collect();
     let Some(best) = refit_all(brief, &bases, &round, &sets, progress).into_iter().next() else { return Ok(None) };
     let effort = Effort { iterations: 8, tolerance: 1e-4, ..Effort::default() };

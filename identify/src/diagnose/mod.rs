@@ -130,17 +130,41 @@ pub fn diagnose_with(
     identified: &Identified,
     progress: &dyn Fn(&str),
 ) -> Result<Diagnosis, SimulationError> {
-    let problem = &identified.problem;
+    let component = identified.fit.layout.vector_of(&identified.component);
+    let declared = Declared { problem: &identified.problem, fit: &identified.fit, component: &component };
+    diagnose_declared(library, &declared, progress)
+}
+
+/// The declared model of any plant, fitted: what the chain starts from.
+pub struct Declared<'a> {
+    /// What was fitted.
+    pub problem: &'a Problem,
+    /// The fit, without effects.
+    pub fit: &'a Fit,
+    /// Base values that no effect has bent: a second start for gross effects.
+    pub component: &'a [f64],
+}
+
+/// Runs the whole chain on a plant's declared model with the effects of `library`.
+///
+/// # Errors
+/// As [`diagnose`].
+pub fn diagnose_declared(
+    library: &[&'static dyn Effect],
+    identified: &Declared,
+    progress: &dyn Fn(&str),
+) -> Result<Diagnosis, SimulationError> {
+    let problem = identified.problem;
     let brief = &problem.shortened(BRIEF_S);
     let short = &problem.shortened(SHORT_S);
-    let component = identified.fit.layout.vector_of(&identified.component);
+    let component = identified.component;
     let mut current = identified.fit.clone();
     let mut added: Vec<Added> = Vec::new();
     let mut ranking: Vec<Ranked> = Vec::new();
     let mut next_experiment = None;
     let mut tie = false;
 
-    let first = Round::new(brief, &identified.fit, library.iter().copied())?;
+    let first = Round::new(brief, identified.fit, library.iter().copied())?;
     progress("candidates scored");
     let (clusters, count) = crate::score::clusters(problem);
     let residual_before = problem.residuals(&current.layout, &current.point)?;
@@ -173,7 +197,7 @@ pub fn diagnose_with(
         }
         let gross = largest > GROSS;
         let shortlist = round.shortlist(library, &ids, if gross { 6 } else { 5 });
-        let bases = Bases { current: &current, component: &component, short, gross };
+        let bases = Bases { current: &current, component, short, gross };
         let refits = refit_all(brief, &bases, round, &shortlist, progress);
         let Some(best) = refits.first() else { break };
         let ranked = rank(brief, &refits)?;
@@ -231,7 +255,7 @@ pub fn diagnose_with(
     };
     let mut after = current.clone();
     let unexplained = misfit::largest(&parts_after) >= MATERIAL && (added.is_empty() || explained < EXPLAINED);
-    if unexplained && let Some((effect, fit)) = empirical(brief, short, problem, identified, &component, progress)? {
+    if unexplained && let Some((effect, fit)) = empirical(brief, short, problem, identified, component, progress)? {
         let residual = problem.residuals(&fit.layout, &fit.point)?;
         let parts = misfit::parts(problem, &residual, &clusters);
         let share = explained_share(&parts_before, &parts);

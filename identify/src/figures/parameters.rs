@@ -118,7 +118,7 @@ fn corrupted(subject: &Subject) -> Table {
     let mut rows = Vec::new();
     for run in &subject.loaded.runs {
         for c in Channel::ALL.into_iter().filter(|c| run.corruption.of(*c) > 0) {
-            let i = c as usize;
+            let i = c.index();
             let row = [run_name(&run.entry.file), c.column()].map(String::from).into_iter();
             rows.push(row.chain([run.corruption.spikes[i], run.corruption.still[i]].map(|n| n.to_string())).collect());
         }

@@ -143,7 +143,8 @@ fn classes(points: impl Iterator<Item = (f64, f64)> + Clone) -> Vec<(f64, f64)> 
 fn windows(s: &Stretch, fit: &Fit, n: usize) -> Vec<Window> {
     let (k, effects) = fit.layout.expand(&fit.point.theta);
     let none = EffectSet::none();
-    let initial = fit.point.initial.get(n).copied().unwrap_or_default();
+    let none_fitted = vec![0.0; s.initial.len()];
+    let initial = fit.point.initial.get(n).unwrap_or(&none_fitted);
     let contributions = if effects.states > 0 || !fit.layout.effects.is_empty() {
         contributions(s, &k, &effects, initial)
     } else {
@@ -157,7 +158,7 @@ fn windows(s: &Stretch, fit: &Fit, n: usize) -> Vec<Window> {
         let steady = (first..end).all(|i| same_input(s, first, i));
         let same_as_before = first > 0 && same_input(s, first - 1, first);
         if steady && same_as_before && settled && end - first >= 8 {
-            let slope_of = |c: Channel| parabola(&s.time_s[first..end], &s.measured[c as usize][first..end]);
+            let slope_of = |c: Channel| parabola(&s.time_s[first..end], &s.measured[c.index()][first..end]);
             if let (Some(angle), Some(p1), Some(p2)) =
                 (slope_of(Channel::Angle), slope_of(Channel::Pressure1), slope_of(Channel::Pressure2))
             {
@@ -200,7 +201,7 @@ fn balances(input: &Input, k: &[f64], effects: &EffectSet<f64>, t: f64, x: &[f64
 }
 
 /// What the effects contribute to acceleration and pressure rates at each row of the model's free run; as far as it goes.
-fn contributions(s: &Stretch, k: &[f64], effects: &EffectSet<f64>, initial: [f64; 3]) -> Vec<[f64; 3]> {
+fn contributions(s: &Stretch, k: &[f64], effects: &EffectSet<f64>, initial: &[f64]) -> Vec<[f64; 3]> {
     let none = EffectSet::none();
     let mut x = vec![0.0; STATES + effects.states];
     x[state::ANGLE] = s.initial[0] + initial[0];

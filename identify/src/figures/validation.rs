@@ -51,7 +51,7 @@ fn left(subject: &Subject, run: &ValidatedRun) -> Option<Figure> {
     let added = subject.after().is_some();
     let shown = [(&run.before, added), (run.after.as_ref().unwrap_or(&run.before), false)];
     for (group, channel) in Channel::ALL.into_iter().enumerate() {
-        let c = channel as usize;
+        let c = channel.index();
         for (result, reference) in shown.iter().skip(usize::from(!added)) {
             let Ok(result) = result else { continue };
             let errors = run.prepared.stretches.iter().zip(&result.rows).filter(|(s, _)| !s.measured[c].is_empty());
@@ -85,7 +85,7 @@ fn caption(subject: &Subject, run: &ValidatedRun) -> String {
 
 /// Measured samples and both simulations of one channel; empty where it is not compared.
 fn curves(subject: &Subject, run: &ValidatedRun, channel: Channel, group: usize) -> Vec<Series> {
-    let c = channel as usize;
+    let c = channel.index();
     let stretches = &run.prepared.stretches;
     let rows: usize = stretches.iter().map(|s| s.measured[c].len()).sum();
     if rows == 0 {

@@ -160,10 +160,10 @@ fn curves(subject: &Subject, fit: &Fit) -> Vec<(f64, Vec<(f64, f64)>)> {
     let swept = stretches.filter(|(_, s)| s.stand == Stand::LedShutOff);
     swept
         .filter_map(|(n, s)| {
-            let initial = fit.point.initial.get(n).copied().unwrap_or_default();
+            let initial = fit.point.initial.get(n).cloned().unwrap_or_else(|| vec![0.0; s.initial.len()]);
             let rows = predict_rows(s, &fit.layout, &fit.point.theta, &initial).ok()?;
             let shown = (0..s.rows()).step_by(s.rows().div_ceil(POINTS_PER_SWEEP));
-            let curve = shown.map(|i| (s.angle_rad[i].to_degrees(), rows[i][Channel::Pressure1 as usize]));
+            let curve = shown.map(|i| (s.angle_rad[i].to_degrees(), rows[i][Channel::Pressure1.index()]));
             Some((volume_of(subject, s.run, s.time_s[0]), curve.collect()))
         })
         .collect()

@@ -39,7 +39,7 @@ pub fn stretches(
     }
     let cut = |first: usize, end: usize, stand: Stand| Stretch {
         run,
-        protocol,
+        protocol: Some(protocol),
         stand,
         vertical: plane == Plane::Vertical,
         time_s: r.time_s[first..end].to_vec(),
@@ -48,9 +48,10 @@ pub fn stretches(
         bypass_open: r.bypass_open[first..end].to_vec(),
         angle_rad: Vec::new(),
         pressure_bar: [Vec::new(), Vec::new()],
-        initial: [0.0; 3],
-        initial_std: [0.0; 3],
-        measured: Default::default(),
+        inputs: Vec::new(),
+        initial: vec![0.0; 3],
+        initial_std: vec![0.0; 3],
+        measured: vec![Vec::new(); Channel::ALL.len()],
         blocks: Vec::new(),
         targets: Vec::new(),
     };
@@ -79,7 +80,7 @@ pub fn stretches(
                 let unit = if j == 0 { std::f64::consts::PI / 180.0 } else { 1.0 };
                 s.initial[j] = m * unit;
                 s.initial_std[j] = 2.0 * std * unit;
-                s.measured[channel as usize] = channel.of(&r).to_vec();
+                s.measured[channel.index()] = channel.of(&r).to_vec();
             }
             s.blocks = block_starts(&s.time_s, 0.01);
             out.push(s.finish());
@@ -91,7 +92,7 @@ pub fn stretches(
                 s.angle_rad = vec![level(&r.angle_deg[first..end], angle_noise).to_radians(); end - first];
                 initial_from_rows(&mut s, &r, first, 0.05, 0.05);
                 for channel in [Channel::Pressure1, Channel::Pressure2, Channel::Torque] {
-                    s.measured[channel as usize] = channel.of(&r)[first..end].to_vec();
+                    s.measured[channel.index()] = channel.of(&r)[first..end].to_vec();
                 }
                 s.blocks = block_starts(&s.time_s, 0.1);
                 out.push(s.finish());
@@ -109,7 +110,7 @@ pub fn stretches(
                 initial_from_rows(&mut s, &r, first, 0.03, 0.1);
                 s.initial[0] = s.angle_rad[0];
                 for channel in [Channel::Pressure1, Channel::Pressure2] {
-                    s.measured[channel as usize] = channel.of(&r)[first..end].to_vec();
+                    s.measured[channel.index()] = channel.of(&r)[first..end].to_vec();
                 }
                 s.blocks = block_starts(&s.time_s, 0.1);
                 out.push(s.finish());
@@ -131,7 +132,7 @@ pub fn stretches(
                 s.angle_rad = vec![level(&r.angle_deg[first..end], angle_noise).to_radians(); end - first];
                 s.pressure_bar =
                     [Channel::Pressure1, Channel::Pressure2].map(|c| drained_pressure(&r, c.of(&r), first, end));
-                s.initial = [s.angle_rad[0], s.pressure_bar[0][0], s.pressure_bar[1][0]];
+                s.initial = vec![s.angle_rad[0], s.pressure_bar[0][0], s.pressure_bar[1][0]];
                 let mut volume = vec![f64::NAN; end - first];
                 for (n, &(a, b)) in inside.iter().enumerate() {
                     // a segment's readings are one reading of the cylinder; the first defines its zero
@@ -141,10 +142,10 @@ pub fn stretches(
                     }
                     s.blocks.push(a - first);
                 }
-                s.measured[Channel::Volume as usize] = volume;
+                s.measured[Channel::Volume.index()] = volume;
                 // while oil is released the pressures are not known well enough for the torque
                 let torque = (first..end).map(|i| if rests(&r, i) { r.torque_nm[i] } else { f64::NAN });
-                s.measured[Channel::Torque as usize] = torque.collect();
+                s.measured[Channel::Torque.index()] = torque.collect();
                 out.push(s.finish());
             }
         }
@@ -158,10 +159,10 @@ pub fn stretches(
                 s.angle_rad = vec![0.0; end - first];
                 s.pressure_bar = [Channel::Pressure1, Channel::Pressure2]
                     .map(|c| smoothed(&filled(&c.of(&r)[first..end]), &s.time_s, 0.5));
-                s.initial = [0.0, s.pressure_bar[0][0], s.pressure_bar[1][0]];
+                s.initial = vec![0.0, s.pressure_bar[0][0], s.pressure_bar[1][0]];
                 let mut volume = r.volume_ml[first..end].to_vec();
                 volume[0] = f64::NAN; // 0 by definition
-                s.measured[Channel::Volume as usize] = volume;
+                s.measured[Channel::Volume.index()] = volume;
                 s.blocks = block_starts(&s.time_s, 0.2);
                 out.push(s.finish());
             }

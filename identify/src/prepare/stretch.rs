@@ -5,38 +5,37 @@ use recordings::{Protocol, Recording};
 
 use crate::noise::mean;
 
-/// What is compared with the model.
+/// What is compared with the model: a position among the plant's channels ([`crate::plant::PlantHeader::channels`]). Those of
+/// the REC rig have names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Channel {
-    /// Encoder, degrees.
-    Angle,
-    /// bar absolute
-    Pressure1,
-    /// bar absolute
-    Pressure2,
-    /// Torque that the clamp holds, Nm.
-    Torque,
-    /// Measuring cylinder, ml.
-    Volume,
-}
+pub struct Channel(pub u8);
 
+#[allow(non_upper_case_globals, reason = "they read as the variants of the rig's channels")]
 impl Channel {
-    /// All.
+    /// Encoder, degrees.
+    pub const Angle: Channel = Channel(0);
+    /// bar absolute
+    pub const Pressure1: Channel = Channel(1);
+    /// bar absolute
+    pub const Pressure2: Channel = Channel(2);
+    /// Torque that the clamp holds, Nm.
+    pub const Torque: Channel = Channel(3);
+    /// Measuring cylinder, ml.
+    pub const Volume: Channel = Channel(4);
+    /// All of the REC rig.
     pub const ALL: [Channel; 5] =
         [Channel::Angle, Channel::Pressure1, Channel::Pressure2, Channel::Torque, Channel::Volume];
+    /// Position among the plant's channels.
+    pub fn index(self) -> usize {
+        usize::from(self.0)
+    }
     /// Column of the campaign contract.
     pub fn column(self) -> &'static str {
-        ["angle_deg", "pressure1_bar", "pressure2_bar", "torque_nm", "volume_ml"][self as usize]
+        ["angle_deg", "pressure1_bar", "pressure2_bar", "torque_nm", "volume_ml"][self.index()]
     }
     /// This channel of a recording.
     pub fn of(self, r: &Recording) -> &[f64] {
-        match self {
-            Channel::Angle => &r.angle_deg,
-            Channel::Pressure1 => &r.pressure1_bar,
-            Channel::Pressure2 => &r.pressure2_bar,
-            Channel::Torque => &r.torque_nm,
-            Channel::Volume => &r.volume_ml,
-        }
+        [&r.angle_deg, &r.pressure1_bar, &r.pressure2_bar, &r.torque_nm, &r.volume_ml][self.index()]
     }
 }
 
@@ -71,13 +70,16 @@ pub struct Target {
 }
 
 /// A piece of a run that is simulated from one initial state.
+///
+/// The REC rig has named inputs (voltage, valves, led angle and pressures), which are empty for any other plant; that has
+/// columns, in the order of its header.
 #[derive(Clone, Debug)]
 pub struct Stretch {
     /// Position of the run in the campaign.
     pub run: usize,
-    /// Its protocol.
-    pub protocol: Protocol,
-    /// How the plant stands.
+    /// Its protocol, if it is of a campaign of the REC rig.
+    pub protocol: Option<Protocol>,
+    /// How the plant stands; one without a lever is [`Stand::Free`] too.
     pub stand: Stand,
     /// Gravity acts.
     pub vertical: bool,
@@ -93,12 +95,14 @@ pub struct Stretch {
     pub angle_rad: Vec<f64>,
     /// Pressures as inputs, bar absolute; empty where they are not.
     pub pressure_bar: [Vec<f64>; 2],
-    /// Initial angle (rad) and pressures (bar absolute) as the sensors show them.
-    pub initial: [f64; 3],
+    /// Inputs of another plant by column, one value a row.
+    pub inputs: Vec<Vec<f64>>,
+    /// Initial angle (rad) and pressures (bar absolute) as the sensors show them; on another plant its states.
+    pub initial: Vec<f64>,
     /// Standard errors of the initial values; 0 = taken as exact.
-    pub initial_std: [f64; 3],
+    pub initial_std: Vec<f64>,
     /// Measured values by channel, one a row; `NaN` = none. Channels that are not targets are empty.
-    pub measured: [Vec<f64>; 5],
+    pub measured: Vec<Vec<f64>>,
     /// First rows of the blocks over which targets are averaged, and the number of rows at the end.
     pub blocks: Vec<usize>,
     /// What is compared, in the order of the blocks, then of the channels.
@@ -106,6 +110,40 @@ pub struct Stretch {
 }
 
 impl Stretch {
+    /// A stretch of a plant other than the REC rig: input and measured columns in the order of its header, initial states with
+    /// their standard errors, and the number of rows over which targets are averaged.
+    pub fn of_columns(
+        run: usize,
+        time_s: Vec<f64>,
+        inputs: Vec<Vec<f64>>,
+        measured: Vec<Vec<f64>>,
+        (initial, initial_std): (Vec<f64>, Vec<f64>),
+        block: usize,
+    ) -> Stretch {
+        let rows = time_s.len();
+        let alike = inputs.iter().chain(&measured).all(|c| c.len() == rows);
+        assert!(rows >= 2 && alike && initial.len() == initial_std.len(), "columns of a stretch have one value a row");
+        Stretch {
+            run,
+            protocol: None,
+            stand: Stand::Free,
+            vertical: false,
+            time_s,
+            voltage_v: Vec::new(),
+            brake_open: Vec::new(),
+            bypass_open: Vec::new(),
+            angle_rad: Vec::new(),
+            pressure_bar: [Vec::new(), Vec::new()],
+            inputs,
+            initial,
+            initial_std,
+            measured,
+            blocks: (0..rows).step_by(block.max(1)).collect(),
+            targets: Vec::new(),
+        }
+        .finish()
+    }
+
     /// The input that acts from row `i` on for `dt` seconds.
     pub fn input(&self, i: usize, dt: f64) -> Input {
         let velocity = |series: &[f64]| if i + 1 < series.len() { (series[i + 1] - series[i]) / dt } else { 0.0 };
@@ -138,7 +176,7 @@ impl Stretch {
         self.time_s.len()
     }
 
-    /// The same from its start on for `length_s`, where the lever is free and the stretch is longer.
+    /// The same from its start on for `length_s`, where the lever (or whatever moves) is free and the stretch is longer.
     pub fn shortened(&self, length_s: f64) -> Self {
         let mut s = self.clone();
         let end = self.time_s.partition_point(|t| *t < self.time_s[0] + length_s);
@@ -152,7 +190,7 @@ impl Stretch {
         s.voltage_v.truncate(rows);
         s.brake_open.truncate(rows);
         s.bypass_open.truncate(rows);
-        s.measured.iter_mut().for_each(|m| m.truncate(rows));
+        s.inputs.iter_mut().chain(&mut s.measured).for_each(|m| m.truncate(rows));
         s.targets.retain(|t| t.middle < rows);
         s
     }
@@ -163,8 +201,8 @@ impl Stretch {
             self.blocks.push(end);
         }
         for b in self.blocks.windows(2) {
-            for channel in Channel::ALL {
-                let values = &self.measured[channel as usize];
+            for (c, values) in self.measured.iter().enumerate() {
+                let channel = Channel(c as u8);
                 if values.is_empty() {
                     continue;
                 }

@@ -82,12 +82,16 @@ pub fn problem(runs: &[Recording]) -> Problem {
     let mut problem = Problem::default();
     for (n, r) in runs.iter().enumerate() {
         for s in stretches(n, "run.csv", Protocol::RandomSteps, Plane::Horizontal, r).unwrap() {
-            problem.std.push(Channel::ALL.map(|c| match c {
-                Channel::Angle => ANGLE_NOISE_DEG,
-                Channel::Pressure1 | Channel::Pressure2 => PRESSURE_NOISE_BAR,
-                _ => 0.05,
-            }));
-            problem.steps.push([0.0; 5]);
+            problem.std.push(
+                Channel::ALL
+                    .map(|c| match c {
+                        Channel::Angle => ANGLE_NOISE_DEG,
+                        Channel::Pressure1 | Channel::Pressure2 => PRESSURE_NOISE_BAR,
+                        _ => 0.05,
+                    })
+                    .to_vec(),
+            );
+            problem.steps.push(vec![0.0; 5]);
             problem.stretches.push(s);
         }
     }

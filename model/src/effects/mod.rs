@@ -1,36 +1,54 @@
 //! The library of effects: physical effects that the reference model lacks, one file each.
 //!
-//! Adding an effect = one file with a [`Law`] + one line in [`LIBRARY`]. The emulated rig can be given it, identification
+//! Adding an effect = one file with a [`Law`] + one line in [`LIBRARY`] (or in [`MECHANICAL`], for other plants than the rig). The emulated rig can be given it, identification
 //! can fit it, and the diagnosis proposes it; the tests over the list hold it to the rules.
 
 use crate::port::{Port, PortKind, Rest};
 use crate::scalar::{Scalar, Tangent};
 
 mod angle_offset;
+mod asymmetric_coulomb;
 mod backlash;
 mod brake_valve_lag;
 mod chamber_asymmetry;
+mod coulomb_friction;
 mod cross_leakage;
+mod cubic_stiffness;
 mod displacement_pressure;
 mod elastic_hysteresis;
 pub mod empirical;
 mod end_stop;
 mod external_leakage;
+mod force_offset;
 mod lag;
 mod line_inertance;
+mod linear_stiffness;
 mod pressure_drift;
 mod pressure_friction;
 mod pressure_lag;
 mod pump_asymmetry;
 mod pump_lag;
 mod pump_warming;
+mod quadratic_drag;
+mod quadratic_stiffness;
 mod stribeck_friction;
 mod tilt;
 mod torque_cubic;
 mod trapped_air;
 mod wall_creep;
 
-/// Every effect of the library.
+pub use asymmetric_coulomb::AsymmetricCoulomb;
+pub use coulomb_friction::CoulombFriction;
+pub use cross_leakage::CrossLeakage;
+pub use cubic_stiffness::CubicStiffness;
+pub use external_leakage::ExternalLeakage;
+pub use force_offset::ForceOffset;
+pub use linear_stiffness::LinearStiffness;
+pub use quadratic_drag::QuadraticDrag;
+pub use quadratic_stiffness::QuadraticStiffness;
+pub use stribeck_friction::StribeckFriction;
+
+/// Every effect of the library of the REC rig.
 pub static LIBRARY: &[&dyn Effect] = &[
     &tilt::Tilt,
     &pressure_friction::PressureFriction,
@@ -55,7 +73,19 @@ pub static LIBRARY: &[&dyn Effect] = &[
     &angle_offset::AngleOffset,
 ];
 
-/// The effect with this id.
+/// General effects on a body that moves, for plants other than the REC rig, whose own equations hold most of them already. Ids
+/// differ from those of [`LIBRARY`]; a plant names those of both lists that mean something on it.
+pub static MECHANICAL: &[&dyn Effect] = &[
+    &LinearStiffness,
+    &QuadraticStiffness,
+    &CubicStiffness,
+    &ForceOffset,
+    &CoulombFriction,
+    &AsymmetricCoulomb,
+    &QuadraticDrag,
+];
+
+/// The effect of the REC rig's library with this id.
 pub fn find(id: &str) -> Option<&'static dyn Effect> {
     LIBRARY.iter().copied().find(|e| e.header().id == id)
 }

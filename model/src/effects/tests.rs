@@ -49,6 +49,11 @@ fn inputs(rng: &mut ChaCha8Rng) -> Vec<Input> {
     all
 }
 
+/// Both lists: the rig fills every port, so that it can carry the general effects as well.
+fn all() -> impl Iterator<Item = &'static &'static dyn Effect> {
+    LIBRARY.iter().chain(MECHANICAL)
+}
+
 fn set(effect: &'static dyn Effect, k: &[f64]) -> EffectSet<f64> {
     EffectSet::new(STATES, [(effect, k.to_vec())])
 }
@@ -107,11 +112,11 @@ fn parameter_vectors(header: &Header) -> Vec<Vec<f64>> {
 
 #[test]
 fn headers_are_complete_and_ids_unique() {
-    let mut ids: Vec<&str> = LIBRARY.iter().map(|e| e.header().id).collect();
+    let mut ids: Vec<&str> = all().map(|e| e.header().id).collect();
     ids.sort_unstable();
     ids.dedup();
-    assert_eq!(ids.len(), LIBRARY.len(), "two effects share an id");
-    for effect in LIBRARY {
+    assert_eq!(ids.len(), LIBRARY.len() + MECHANICAL.len(), "two effects share an id");
+    for effect in all() {
         let h = effect.header();
         assert!(h.id.chars().all(|c| c.is_ascii_lowercase() || c == '_'), "{}", h.id);
         for text in [h.summary, h.equation, h.validity, h.measure, h.literature] {
@@ -174,7 +179,7 @@ fn the_contracts_ids_are_there_with_their_balances() {
 fn without_size_an_effect_leaves_the_base_model_to_the_bit() {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let k = Parameters::example().to_vector();
-    for effect in LIBRARY {
+    for effect in all() {
         let h = effect.header();
         for start in h.starts {
             let effects = set(*effect, &without_size(h, start));
@@ -195,7 +200,7 @@ fn without_size_an_effect_leaves_the_base_model_to_the_bit() {
 fn with_size_an_effect_changes_something() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     let k = Parameters::example().to_vector();
-    for effect in LIBRARY {
+    for effect in all() {
         let h = effect.header();
         for start in h.starts {
             let effects = set(*effect, start);
@@ -220,7 +225,7 @@ fn finite_in_the_envelope_at_starts_and_bounds() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let base = Parameters::example().to_vector();
     let k: Vec<Tangent> = base.iter().map(|v| Tangent::constant(*v)).collect();
-    for effect in LIBRARY {
+    for effect in all() {
         let h = effect.header();
         for vector in parameter_vectors(h) {
             let seeded = |(i, v): (usize, &f64)| Tangent::variable(*v, i);
@@ -258,7 +263,8 @@ fn mirrored(id: &str, k: &[f64]) -> Option<Vec<f64>> {
         "external_leakage" | "trapped_air" | "pressure_lag" => vec![k[1], k[0]],
         "pressure_drift" => vec![k[2], k[3], k[0], k[1], k[4]],
         "tilt" => vec![k[0], -k[1]],
-        "angle_offset" => vec![-k[0]],
+        "angle_offset" | "quadratic_stiffness" | "force_offset" => vec![-k[0]],
+        "asymmetric_coulomb" => vec![-k[0], k[1]],
         "pump_asymmetry" => k.iter().map(|v| -v).collect(),
         // it names chamber 2 as the one that differs
         "chamber_asymmetry" => return None,
@@ -275,7 +281,7 @@ fn mirror(x: &[f64]) -> [f64; 4] {
 fn both_chambers_are_treated_alike() {
     let mut rng = ChaCha8Rng::seed_from_u64(8);
     let k = Parameters::example().to_vector();
-    for effect in LIBRARY {
+    for effect in all() {
         let h = effect.header();
         for start in h.starts {
             let Some(other) = mirrored(h.id, start) else { continue };

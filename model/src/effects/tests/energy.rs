@@ -92,7 +92,7 @@ fn a_passive_effect_draws_energy_on_every_closed_path() {
     const PERIODS: usize = 8;
     const STEPS: usize = 4000;
     let mut rng = ChaCha8Rng::seed_from_u64(7);
-    for effect in LIBRARY.iter().filter(|e| e.header().passive) {
+    for effect in all().filter(|e| e.header().passive) {
         let h = effect.header();
         let stores_only = ["end_stop", "trapped_air"].contains(&h.id);
         for start in h.starts {

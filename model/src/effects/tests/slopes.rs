@@ -45,7 +45,7 @@ fn check_slopes(
 fn tangents_agree_with_differences() {
     let mut rng = ChaCha8Rng::seed_from_u64(4);
     let base = Parameters::example().to_vector();
-    for effect in LIBRARY {
+    for effect in all() {
         let h = effect.header();
         let (mut compared, mut near_kinks) = (0, 0);
         for start in h.starts {
@@ -100,7 +100,7 @@ fn the_derivative_by_size_exists_at_zero() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let base = Parameters::example().to_vector();
     let constants: Vec<Tangent> = base.iter().map(|v| Tangent::constant(*v)).collect();
-    for effect in LIBRARY {
+    for effect in all() {
         let h = effect.header();
         let zero = without_size(h, h.starts[0]);
         for input in inputs(&mut rng) {
@@ -143,7 +143,7 @@ fn rest_states_have_the_slopes_of_differences_and_stay_put() {
     let mut rng = ChaCha8Rng::seed_from_u64(6);
     let base = Parameters::example().to_vector();
     let constants: Vec<Tangent> = base.iter().map(|v| Tangent::constant(*v)).collect();
-    for effect in LIBRARY.iter().filter(|e| e.header().states > 0) {
+    for effect in all().filter(|e| e.header().states > 0) {
         let h = effect.header();
         for start in h.starts {
             for input in inputs(&mut rng).into_iter().filter(|i| i.circuit == Circuit::Pump) {
