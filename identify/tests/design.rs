@@ -35,7 +35,7 @@ fn what_a_refit_takes_up_separates_nothing_and_what_it_can_t_does() {
         would_give(&campaign, Protocol::RandomSteps, Plane::Horizontal, &dynamic(&truth, None, seconds, 9)).unwrap()
     };
     let own = separation(&prior, &prior, &run(10.0)).unwrap();
-    assert!(own.z == 0.0 && own.noise_floors < 1e-9, "{own:?}");
+    assert!(own.z < 1e-6 && own.noise_floors < 1e-6, "{own:?}");
 
     // base parameters off by what the campaign leaves open are no other hypothesis
     let mut moved = plain.clone();
@@ -62,15 +62,15 @@ fn what_a_refit_takes_up_separates_nothing_and_what_it_can_t_does() {
 #[test]
 fn a_declared_effect_is_identified_with_the_base() {
     let truth = Parameters::example();
-    let (effect, values) = (find("tilt").unwrap(), vec![0.8, -0.5]);
+    let (effect, values) = (find("pump_lag").unwrap(), vec![0.05]);
     let campaign = problem(&[dynamic(&truth, Some((effect, values.clone())), 16.0, 3)]);
     let base = rival(&campaign, &truth, &[]).fit;
-    let declared = Declared { parameters: truth, effects: vec![(effect, vec![0.4, -0.4])] };
-    assert!(declared.open().iter().all(|e| e.header().id != "tilt"));
+    let declared = Declared { parameters: truth, effects: vec![(effect, vec![0.02])] };
+    assert!(declared.open().iter().all(|e| e.header().id != "pump_lag"));
     let refitted = declared.refit(&campaign, &base, Effort::default()).unwrap();
     let found = &refitted.point.theta[base.point.theta.len()..];
     for (found, value) in found.iter().zip(&values) {
-        assert!((found - value).abs() < 0.05, "{found} for {value}");
+        assert!((found - value).abs() < 0.002, "{found} for {value}");
     }
     assert!(refitted.cost < 1.2 * campaign.targets() as f64, "{} of {}", refitted.cost, campaign.targets());
     assert!(base.cost > 1.5 * campaign.targets() as f64, "it mattered: {}", base.cost);
