@@ -35,17 +35,16 @@ fn what_a_refit_takes_up_separates_nothing_and_what_it_can_t_does() {
         would_give(&campaign, Protocol::RandomSteps, Plane::Horizontal, &dynamic(&truth, None, seconds, 9)).unwrap()
     };
     let own = separation(&prior, &prior, &run(10.0)).unwrap();
-    assert!(own.z == 0.0 && own.noise_floors < 1e-9, "{own:?}");
+    assert!(own.z < 1e-6 && own.noise_floors < 1e-6, "{own:?}");
 
-    // base parameters off by what the campaign leaves open are no other hypothesis
+    // a base parameter off by half of what the campaign leaves open is no other hypothesis: D^2 <= d' H d = 1/4
     let mut moved = plain.clone();
-    let std = identify::identification::standard_errors(&campaign, &plain.fit).unwrap();
-    for (v, s) in moved.fit.point.theta.iter_mut().zip(&std) {
-        *v += 0.3 * s;
-    }
+    let pieces = campaign.linearise(&plain.fit.layout, &plain.fit.point).unwrap();
+    let information = campaign.normal(&pieces, plain.fit.layout.len(), &plain.fit.point).matrix;
+    moved.fit.point.theta[1] += 0.5 / information[(1, 1)].sqrt();
     let moved_prior = Prior::of(&campaign, &moved).unwrap();
     let taken_up = separation(&moved_prior, &prior, &run(10.0)).unwrap();
-    assert!(taken_up.z < 1.0, "{taken_up:?}");
+    assert!(taken_up.z < 0.3, "{taken_up:?}");
 
     // an effect of the same size in noise floors is one
     let leaking = rival(&campaign, &truth, &[("cross_leakage", &[0.4, 0.5])]);
@@ -54,7 +53,7 @@ fn what_a_refit_takes_up_separates_nothing_and_what_it_can_t_does() {
     other.fit.point.theta[n] = 0.6;
     let other = Prior::of(&campaign, &other).unwrap();
     let apart = separation(&other, &prior, &run(10.0)).unwrap();
-    assert!(apart.z > 1.2 && apart.z > 2.0 * taken_up.z, "{apart:?} {taken_up:?}");
+    assert!(apart.z > 1.0 && apart.z > 2.0 * taken_up.z, "{apart:?} {taken_up:?}");
     let longer = separation(&other, &prior, &run(40.0)).unwrap();
     assert!(longer.z > 1.5 * apart.z, "four times as long, {longer:?} after {apart:?}");
 }
@@ -62,15 +61,15 @@ fn what_a_refit_takes_up_separates_nothing_and_what_it_can_t_does() {
 #[test]
 fn a_declared_effect_is_identified_with_the_base() {
     let truth = Parameters::example();
-    let (effect, values) = (find("tilt").unwrap(), vec![0.8, -0.5]);
+    let (effect, values) = (find("pump_lag").unwrap(), vec![0.05]);
     let campaign = problem(&[dynamic(&truth, Some((effect, values.clone())), 16.0, 3)]);
     let base = rival(&campaign, &truth, &[]).fit;
-    let declared = Declared { parameters: truth, effects: vec![(effect, vec![0.4, -0.4])] };
-    assert!(declared.open().iter().all(|e| e.header().id != "tilt"));
+    let declared = Declared { parameters: truth, effects: vec![(effect, vec![0.02])] };
+    assert!(declared.open().iter().all(|e| e.header().id != "pump_lag"));
     let refitted = declared.refit(&campaign, &base, Effort::default()).unwrap();
     let found = &refitted.point.theta[base.point.theta.len()..];
     for (found, value) in found.iter().zip(&values) {
-        assert!((found - value).abs() < 0.05, "{found} for {value}");
+        assert!((found - value).abs() < 0.002, "{found} for {value}");
     }
     assert!(refitted.cost < 1.2 * campaign.targets() as f64, "{} of {}", refitted.cost, campaign.targets());
     assert!(base.cost > 1.5 * campaign.targets() as f64, "it mattered: {}", base.cost);

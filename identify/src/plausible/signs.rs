@@ -79,7 +79,7 @@ pub(super) fn judge(campaign: &Campaign, recordings: &[Recording]) -> Result<(),
                 let (mut grows, mut falls) = (0, 0);
                 for (first, end) in crate::prepare::segments(r) {
                     let mut read = (first..end).filter(|&i| r.volume_ml[i].is_finite() && r.voltage_v[i] != 0.0);
-                    if let (Some(a), Some(b)) = (read.next(), read.last()) {
+                    if let (Some(a), Some(b)) = (read.next(), read.next_back()) {
                         grows += usize::from(r.volume_ml[b] > r.volume_ml[a]);
                         falls += usize::from(r.volume_ml[b] < r.volume_ml[a]);
                     }
