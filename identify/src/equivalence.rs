@@ -76,14 +76,14 @@ pub fn relatives(
 }
 
 /// Directions of an effect that would reduce the cost, the best first.
-fn best(scene: &Scene, effect: &'static dyn Effect) -> Vec<Direction> {
+pub(crate) fn best(scene: &Scene, effect: &'static dyn Effect) -> Vec<Direction> {
     let mut out: Vec<Direction> = scene.directions(effect).into_iter().filter(|d| d.gain() > 0.0).collect();
     out.sort_by(|a, b| b.gain().total_cmp(&a.gain()));
     out
 }
 
 /// The model without these of its effects, refitted.
-fn without(problem: &Problem, full: &Fit, gone: &[usize], effort: Effort) -> Result<Fit, SimulationError> {
+pub(crate) fn without(problem: &Problem, full: &Fit, gone: &[usize], effort: Effort) -> Result<Fit, SimulationError> {
     let entries = |n: usize| {
         let first = full.layout.first_of(n);
         first..first + full.layout.effects[n].header().parameters.len()

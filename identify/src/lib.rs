@@ -34,6 +34,7 @@ pub mod significance;
 pub mod simplify;
 pub mod smoothing;
 pub mod strokes;
+pub mod surrogate;
 pub mod torque_form;
 pub mod uncertainty;
 pub mod validate;

@@ -122,6 +122,12 @@ impl<'a> Scene<'a> {
         let base = self.pieces.iter().map(|p| &p.residual);
         let secant: Vec<Vec<f64>> =
             base.zip(&with).map(|(a, b)| a.iter().zip(b).map(|(a, b)| a - b).collect()).collect();
+        self.along(effect, start, secant)
+    }
+
+    /// A direction along a given change of the predictions (in standard errors, target by target), orthogonal to everything
+    /// that is fitted; `None` where nothing is left of it.
+    pub fn along(&self, effect: &'static dyn Effect, start: &[f64], secant: Vec<Vec<f64>>) -> Option<Direction> {
         let secant = self.orthogonal(secant);
         let square = dot(&secant, &secant);
         let with_residual = dot(&secant, &self.residual);

@@ -1,5 +1,7 @@
-//! `bench diagnose DIR [--out OUT] [--model MODEL.toml] [--rig RIG.toml] [--auto]`
+//! `bench diagnose DIR [--out OUT] [--model MODEL.toml] [--rig RIG.toml] [--auto]`,
+//! `bench diagnose --plant ID --data FILE [--validate FILE] [--out OUT]`
 
+use super::diagnose_plant::{self, PlantArgs};
 use super::results::{Wanted, analyse_with};
 use crate::failure::{Failure, Kind};
 use crate::next::auto::{Auto, Budget};
@@ -17,18 +19,19 @@ use std::path::PathBuf;
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Campaign folder with campaign.toml
-    dir: PathBuf,
-    /// Where the results go [default: DIR/analysis]
+    #[arg(required_unless_present = "plant", conflicts_with = "plant")]
+    dir: Option<PathBuf>,
+    /// Where the results go [default: DIR/analysis; with --plant nowhere]
     #[arg(long)]
     out: Option<PathBuf>,
     /// Model whose effects ([[effect]]) are part of the declared model; others are looked for
-    #[arg(long, value_name = "MODEL.toml")]
+    #[arg(long, value_name = "MODEL.toml", conflicts_with = "plant")]
     model: Option<PathBuf>,
     /// Rig of the next run: its limits, and with --auto its device [default: limits as recorded; with --auto the rig of a demo's folder]
-    #[arg(long)]
+    #[arg(long, conflicts_with = "plant")]
     rig: Option<PathBuf>,
     /// Make the next run on the emulated rig, add it to a copy of the campaign, diagnose again
-    #[arg(long)]
+    #[arg(long, conflicts_with = "plant")]
     auto: bool,
     /// With --auto: rig time of all further runs at most, minutes
     #[arg(long, default_value_t = 15.0, requires = "auto")]
@@ -39,9 +42,18 @@ pub struct Args {
     /// With --auto: seed of the emulated sensors
     #[arg(long, default_value_t = 1, requires = "auto")]
     seed: u64,
+    #[command(flatten)]
+    plant: PlantArgs,
 }
 
 pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
+    if let (Some(id), Some(data)) = (&args.plant.plant, &args.plant.data) {
+        return diagnose_plant::run(id, data, args.plant.validate.as_deref(), args.out.as_deref(), progress);
+    }
+    let dir = args
+        .dir
+        .as_deref()
+        .ok_or_else(|| Failure::new(Kind::Input, "expected a campaign folder, or --plant with --data"))?;
     let declared = args.model.as_deref().map(ModelFile::read).transpose().map_err(|e| Failure::of(Kind::Input, &e))?;
     if !args.auto {
         let rig = args.rig.as_deref().map(|path| Rig::read(Some(path))).transpose()?;
@@ -51,9 +63,9 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
             declared: declared.as_ref(),
             rig: rig.as_ref(),
         };
-        return analyse_with(&args.dir, args.out.as_deref(), &wanted, progress).map(drop);
+        return analyse_with(dir, args.out.as_deref(), &wanted, progress).map(drop);
     }
     let budget = Budget::new(args.budget_min, args.most_runs)?;
-    let auto = Auto { dir: &args.dir, out: args.out.as_deref(), declared: declared.as_ref(), budget, seed: args.seed };
+    let auto = Auto { dir, out: args.out.as_deref(), declared: declared.as_ref(), budget, seed: args.seed };
     auto.run(args.rig.as_deref(), progress)
 }

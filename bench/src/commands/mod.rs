@@ -7,6 +7,7 @@ mod compare;
 mod confirm;
 mod demo;
 mod diagnose;
+mod diagnose_plant;
 mod doctor;
 mod emulate;
 mod export;

@@ -1,18 +1,22 @@
 //! From a plant's data file to findings: the same chain as for a campaign of the REC rig.
 
+use model::effects::Effect;
 use model::integrate::SimulationError;
 use recordings::Role;
 
 use super::{DataError, Section, Source, Table, TablePlant};
 use crate::diagnose::{Added, Declared, Diagnosis, Verdict, diagnose_declared};
-use crate::equivalence::relatives;
+use crate::equivalence::{best, relatives, without};
 use crate::findings::{Findings, UNRECOGNISED, Validation, finding};
 use crate::fit::{Effort, Fit, fit};
 use crate::layout::Layout;
+use crate::misfit;
 use crate::noise::{mean, white_std};
 use crate::plant::{Plant, Quantity};
 use crate::prepare::Stretch;
 use crate::problem::Problem;
+use crate::score::{Direction, Scene};
+use crate::surrogate::p_of_selected;
 use crate::uncertainty::Uncertainty;
 
 /// What can go wrong from a file to findings.
@@ -118,11 +122,25 @@ pub fn sections(
     if predicted.is_empty() {
         return Err(missing("expected data that are never fitted, got none; give a second file with --validate"));
     }
-    Ok((problem(plant, fitted.into_iter().flat_map(|s| s.stretches).collect()), predicted))
+    Ok((problem_from(plant, fitted.into_iter().flat_map(|s| s.stretches).collect()), predicted))
+}
+
+/// The problem of what is fitted alone.
+///
+/// # Errors
+/// The file can't be used, or holds nothing that is fitted.
+pub fn problem_of(plant: &'static dyn TablePlant, data: &Table) -> Result<Problem, PlantError> {
+    let all = plant.sections(data, Source::Data)?;
+    let fitted: Vec<Stretch> = all.into_iter().filter(|s| s.role == Role::Identify).flat_map(|s| s.stretches).collect();
+    if fitted.is_empty() {
+        let why = "expected a section that is fitted in the data file, got none".to_string();
+        return Err(PlantError::Missing { plant: plant.header().id, why });
+    }
+    Ok(problem_from(plant, fitted))
 }
 
 /// Stretches with weights: the noise that a channel shows, and the plant's resolution of its RMS.
-fn problem(plant: &'static dyn TablePlant, stretches: Vec<Stretch>) -> Problem {
+pub fn problem_from(plant: &'static dyn TablePlant, stretches: Vec<Stretch>) -> Problem {
     let channels = plant.header().channels.len();
     let std: Vec<f64> = (0..channels)
         .map(|c| {
@@ -162,6 +180,8 @@ pub fn analyse(
     let mut diagnosis = diagnose_declared(library, &base, progress).map_err(fitting)?;
     let unrecognised = diagnosis.verdict == Verdict::Unrecognised;
     if !unrecognised {
+        keep_what_beats_surrogates(&problem, &mut diagnosis, library).map_err(fitting)?;
+        progress("effects held against surrogates");
         for added in &mut diagnosis.effects {
             added.equivalent = equivalents(&problem, &diagnosis.after, added, library).map_err(fitting)?;
         }
@@ -191,12 +211,56 @@ pub fn fit_declared(plant: &'static dyn TablePlant, problem: &Problem) -> Result
     fit(problem, &layout, start, Effort { iterations: 60, tolerance: 1e-9, ..Effort::default() })
 }
 
+/// Level at which an added effect must beat the surrogates of everything that it was chosen from.
+const LEVEL: f64 = 0.01;
+
+/// Takes out what explains no more than surrogates of the library do, the last that was added first, and completes what follows.
+fn keep_what_beats_surrogates(
+    problem: &Problem,
+    diagnosis: &mut Diagnosis,
+    library: &[&'static dyn Effect],
+) -> Result<(), SimulationError> {
+    let effort = Effort { iterations: 15, tolerance: 1e-6, ..Effort::default() };
+    for n in (0..diagnosis.after.layout.effects.len()).rev() {
+        let single = without(problem, &diagnosis.after, &[n], effort)?;
+        let scene = Scene::new(problem, &single)?;
+        let own = diagnosis.after.layout.effects[n];
+        let open = library.iter().filter(|e| !single.layout.effects.iter().any(|c| c.header().id == e.header().id));
+        let all: Vec<Direction> = open.filter_map(|e| best(&scene, *e).into_iter().next()).collect();
+        let tested = all.iter().find(|d| d.effect.header().id == own.header().id);
+        let p = tested.map_or(1.0, |d| p_of_selected(&scene, d, &all.iter().collect::<Vec<_>>(), n as u64));
+        tracing::info!(id = own.header().id, p, "against surrogates");
+        if p > LEVEL {
+            diagnosis.after = single;
+            diagnosis.effects.retain(|a| a.effect.header().id != own.header().id);
+        }
+    }
+    let residual = problem.residuals(&diagnosis.after.layout, &diagnosis.after.point)?;
+    let (clusters, _) = crate::score::clusters(problem);
+    diagnosis.parts_after = misfit::parts(problem, &residual, &clusters);
+    let total = misfit::total(&diagnosis.parts_before);
+    if !diagnosis.effects.is_empty() && total > 0.0 {
+        diagnosis.explained = 1.0 - misfit::total(&diagnosis.parts_after) / total;
+    }
+    let uncertainty = Uncertainty::of(problem, &diagnosis.after)?;
+    let layout = &diagnosis.after.layout;
+    for a in &mut diagnosis.effects {
+        let id = a.effect.header().id;
+        if let Some(n) = layout.effects.iter().position(|e| e.header().id == id) {
+            let own = layout.first_of(n)..layout.first_of(n) + a.effect.header().parameters.len();
+            a.values = diagnosis.after.point.theta[own.clone()].to_vec();
+            a.std = own.map(|i| uncertainty.of_entry(i)).collect();
+        }
+    }
+    Ok(())
+}
+
 /// Ids of the library that explain the data as well in the place of an added effect.
 fn equivalents(
     problem: &Problem,
     after: &Fit,
     added: &Added,
-    library: &[&'static dyn model::effects::Effect],
+    library: &[&'static dyn Effect],
 ) -> Result<Vec<String>, SimulationError> {
     let id = added.effect.header().id;
     let Some(n) = after.layout.effects.iter().position(|e| e.header().id == id) else { return Ok(Vec::new()) };

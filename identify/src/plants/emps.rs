@@ -4,12 +4,11 @@
 //! Columns `t_s`, `q_m`, `vir_V` and, in the test file, `pulses_N`, 24841 rows at 1 kHz.
 //!
 //! The controller hides friction from the position, so the force is the output: it is predicted from the measured motion (the
-//! inverse model). Position, speed and acceleration are those of a local cubic through the encoder's values; the force is smoothed by
-//! the same local cubic, so that both sides of the equation pass the same filter (Gautier's parallel filtering).
+//! inverse model). The encoder's values and the force are smoothed by the same filter without a shift, so that it drops out of the
+//! equation, and speed and acceleration are central differences; targets are means over 10 ms (Gautier's parallel decimation).
 
 use model::effects::{
-    AsymmetricCoulomb, Balance, CoulombFriction, CubicStiffness, ForceOffset, LinearStiffness, QuadraticDrag,
-    QuadraticStiffness,
+    AsymmetricCoulomb, Balance, CoulombFriction, CubicStiffness, ForceOffset, QuadraticDrag, QuadraticStiffness,
 };
 use model::port::PortKind;
 use model::scalar::Scalar;
@@ -19,7 +18,7 @@ use super::{DataError, Section, Source, Table, TablePlant};
 use crate::equations::{Between, Equations, Instant};
 use crate::plant::{BaseParameter, PlantHeader, Quantity};
 use crate::prepare::Stretch;
-use crate::smoothing::local_cubic;
+use crate::smoothing::{differences, local_cubic};
 
 /// See the module.
 pub struct Emps;
@@ -52,7 +51,6 @@ static HEADER: PlantHeader = PlantHeader {
     balances: &[(Balance::Torque, "force")],
     ports: &[PortKind::Mechanical],
     library: &[
-        &LinearStiffness,
         &QuadraticStiffness,
         &CubicStiffness,
         &ForceOffset,
@@ -109,15 +107,15 @@ impl TablePlant for Emps {
         }
         let force_n: Vec<f64> = output_v.iter().map(|v| DRIVE_N_V * v).collect();
         let half = (REACH_S / step_s).round() as usize;
-        let motion = local_cubic(q, step_s, half);
-        let force = local_cubic(&force_n, step_s, half);
-        let inputs = vec![motion.value, motion.first, motion.second];
+        let position = local_cubic(q, half);
+        let (speed, acceleration) = differences(&position, step_s);
+        let inputs = vec![position, speed, acceleration];
         let (name, role) = match source {
             Source::Data => ("training file", Role::Identify),
             Source::Validation => ("test file", Role::Validate),
         };
         // what has less than a whole window around it is not compared
-        let mut measured = force.value;
+        let mut measured = local_cubic(&force_n, half);
         let end = measured.len();
         measured[..half].fill(f64::NAN);
         measured[end - half..].fill(f64::NAN);

@@ -8,6 +8,7 @@ use crate::prepare::Stretch;
 pub mod analysis;
 mod emps;
 pub mod rec;
+pub mod report;
 mod silverbox;
 mod table;
 

@@ -13,7 +13,7 @@ impl Law for ForceOffset {
         balance: Balance::Torque,
         ports: &[PortKind::Mechanical],
         summary: "a constant force acts on the body",
-        equation: "M += c, constant",
+        equation: "M += c, a constant",
         validity: "the force does not change with place, speed or time",
         measure: "rest the body at several places without drive, or compare slow strokes in both directions",
         literature: "Janot, Gautier, Brunot, Data set and reference models of EMPS, Workshop on Nonlinear System Identification Benchmarks (2019)",

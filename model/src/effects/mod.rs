@@ -22,7 +22,6 @@ mod external_leakage;
 mod force_offset;
 mod lag;
 mod line_inertance;
-mod linear_stiffness;
 mod pressure_drift;
 mod pressure_friction;
 mod pressure_lag;
@@ -43,7 +42,6 @@ pub use cross_leakage::CrossLeakage;
 pub use cubic_stiffness::CubicStiffness;
 pub use external_leakage::ExternalLeakage;
 pub use force_offset::ForceOffset;
-pub use linear_stiffness::LinearStiffness;
 pub use quadratic_drag::QuadraticDrag;
 pub use quadratic_stiffness::QuadraticStiffness;
 pub use stribeck_friction::StribeckFriction;
@@ -75,15 +73,8 @@ pub static LIBRARY: &[&dyn Effect] = &[
 
 /// General effects on a body that moves, for plants other than the REC rig, whose own equations hold most of them already. Ids
 /// differ from those of [`LIBRARY`]; a plant names those of both lists that mean something on it.
-pub static MECHANICAL: &[&dyn Effect] = &[
-    &LinearStiffness,
-    &QuadraticStiffness,
-    &CubicStiffness,
-    &ForceOffset,
-    &CoulombFriction,
-    &AsymmetricCoulomb,
-    &QuadraticDrag,
-];
+pub static MECHANICAL: &[&dyn Effect] =
+    &[&QuadraticStiffness, &CubicStiffness, &ForceOffset, &CoulombFriction, &AsymmetricCoulomb, &QuadraticDrag];
 
 /// The effect of the REC rig's library with this id.
 pub fn find(id: &str) -> Option<&'static dyn Effect> {

@@ -263,8 +263,7 @@ fn mirrored(id: &str, k: &[f64]) -> Option<Vec<f64>> {
         "external_leakage" | "trapped_air" | "pressure_lag" => vec![k[1], k[0]],
         "pressure_drift" => vec![k[2], k[3], k[0], k[1], k[4]],
         "tilt" => vec![k[0], -k[1]],
-        "angle_offset" | "quadratic_stiffness" | "force_offset" => vec![-k[0]],
-        "asymmetric_coulomb" => vec![-k[0], k[1]],
+        "angle_offset" | "quadratic_stiffness" | "force_offset" | "asymmetric_coulomb" => vec![-k[0]],
         "pump_asymmetry" => k.iter().map(|v| -v).collect(),
         // it names chamber 2 as the one that differs
         "chamber_asymmetry" => return None,
