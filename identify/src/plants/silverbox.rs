@@ -3,9 +3,7 @@
 //! Data: Wigren and Schoukens, Three free data sets for development and benchmarking in nonlinear system identification, ECC 2013.
 //! Columns `u_V`, `y_V`, 131072 rows at 610.35 Hz.
 
-use model::effects::{
-    AsymmetricCoulomb, Balance, CoulombFriction, CubicStiffness, ForceOffset, QuadraticDrag, QuadraticStiffness,
-};
+use model::effects::{Balance, CoulombFriction, CubicStiffness, ForceOffset, QuadraticDrag, QuadraticStiffness};
 use model::port::PortKind;
 use model::scalar::Scalar;
 use recordings::Role;
@@ -48,15 +46,8 @@ static HEADER: PlantHeader = PlantHeader {
     ],
     balances: &[(Balance::Torque, "force")],
     ports: &[PortKind::Mechanical],
-    // a linear spring is the plant's own
-    library: &[
-        &CubicStiffness,
-        &QuadraticStiffness,
-        &ForceOffset,
-        &CoulombFriction,
-        &AsymmetricCoulomb,
-        &QuadraticDrag,
-    ],
+    // asymmetric friction is a part of dry friction: for itself it would drive the body
+    library: &[&CubicStiffness, &QuadraticStiffness, &ForceOffset, &CoulombFriction, &QuadraticDrag],
 };
 
 impl Equations for Silverbox {
