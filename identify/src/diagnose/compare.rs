@@ -5,15 +5,19 @@ use model::effects::empirical::EMPIRICAL;
 use model::integrate::SimulationError;
 
 use super::round::Round;
+use super::search::Search;
 use super::{PREFERRED, Ranked};
 use crate::fit::{Effort, Fit};
-use crate::identification::Identified;
-use crate::problem::Problem;
+use crate::problem::{Point, Problem};
 use crate::refit::{Bases, Refit, advantage, refit};
 use crate::score::Direction;
 
 /// Above this cost a target no candidate has come near the data, and polishing them is in vain.
 const POOR: f64 = 20.0;
+/// Share of one effect's direction that another's hold from which on they look alike: an angle of less than 18 degrees.
+const ALIKE: f64 = 0.9;
+/// Most linearisations of a fit that is brought to its minimum. A gross effect needs many.
+const MOST_ITERATIONS: usize = 40;
 /// A rival explains at least this share of what the best candidate does.
 const RIVAL: f64 = 0.95;
 
@@ -62,17 +66,59 @@ pub(super) fn refit_all(
     out
 }
 
-/// Brings a fit of the brief runs to the whole ones. More must not come out as worse: where the brief fit's point does, the
-/// current model's base with the effect's values leads instead.
-pub(super) fn on_the_whole(problem: &Problem, current: &Fit, brief: &Fit, effort: Effort) -> Option<Fit> {
-    let led = crate::fit::fit(problem, &brief.layout, brief.point.clone(), effort).ok();
-    if led.as_ref().is_some_and(|f| f.cost < current.cost) {
-        return led;
+/// Brings a fit of the brief runs to the whole ones. More must not come out as worse than the current model: besides the brief
+/// fit's own point, the current model's base and that of the component experiments lead with the effect's values, and
+/// the one that promises most is brought to its minimum.
+pub(super) fn on_the_whole(problem: &Problem, current: &Fit, component: &[f64], brief: &Fit) -> Option<Fit> {
+    let added = &brief.point.theta[current.point.theta.len()..];
+    let from_current = Point {
+        theta: current.point.theta.iter().chain(added).copied().collect(),
+        initial: current.point.initial.clone(),
+    };
+    let mut from_component = from_current.clone();
+    from_component.theta[..component.len()].copy_from_slice(component);
+    from_component.initial.fill([0.0; 3]);
+    let few = Effort { iterations: 3, tolerance: 1e-6, ..Effort::default() };
+    let led = crate::fit::fit(problem, &brief.layout, brief.point.clone(), few).ok()?;
+    let mut tried = vec![led];
+    if tried[0].cost > current.cost {
+        let more = [from_current, from_component];
+        tried.extend(more.into_iter().filter_map(|p| crate::fit::fit(problem, &brief.layout, p, few).ok()));
+        tried.sort_by(|a, b| a.cost.total_cmp(&b.cost));
     }
-    let mut point = current.point.clone();
-    point.theta.extend_from_slice(&brief.point.theta[current.point.theta.len()..]);
-    let warm = crate::fit::fit(problem, &brief.layout, point, effort).ok();
-    led.into_iter().chain(warm).min_by(|a, b| a.cost.total_cmp(&b.cost))
+    let lead = tried.swap_remove(0);
+    let to_the_end = Effort { iterations: MOST_ITERATIONS, tolerance: 1e-6, ..Effort::default() };
+    let fit = crate::fit::fit(problem, &lead.layout, lead.point, to_the_end).ok()?;
+    tracing::debug!(cost = fit.cost, converged = fit.converged, current = current.cost, "on the whole runs");
+    (fit.cost < current.cost).then_some(fit)
+}
+
+/// A model fitted to the brief runs, from its fit to the whole ones on.
+pub(super) fn nested_on(brief: &Problem, fit: &Fit) -> Result<Fit, SimulationError> {
+    let effort = Effort { iterations: 8, tolerance: 1e-4, ..Effort::default() };
+    crate::fit::fit(brief, &fit.layout, fit.point.clone(), effort)
+}
+
+/// Candidates that were not refitted, and whose directions hold nearly all of what the best one does: linearly they look like it.
+pub(super) fn look_alikes(
+    round: &Round,
+    refits: &[Refit],
+    open: &[&'static dyn Effect],
+) -> Vec<Vec<&'static dyn Effect>> {
+    let Some(best) = refits.first() else { return Vec::new() };
+    let [id] = best.added[..] else { return Vec::new() };
+    let Some(&own) = round.of(id).first() else { return Vec::new() };
+    open.iter()
+        .copied()
+        .filter(|e| !refits.iter().any(|r| r.added.contains(&e.header().id)))
+        .filter(|e| {
+            let all = round.every(e.header().id);
+            let held = round.gram.share_held(own, &all);
+            tracing::debug!(best = id, other = e.header().id, held, "angle");
+            held > ALIKE
+        })
+        .map(|e| vec![e])
+        .collect()
 }
 
 /// The effect's sizes together are known to be other than zero, and none is pressed against a physical bound.
@@ -156,24 +202,25 @@ pub(super) fn where_they_differ(problem: &Problem, a: &Fit, b: &Fit) -> Result<S
     ))
 }
 
-/// The balance whose nameless terms explain most, refitted.
+/// The balance whose nameless terms explain most, refitted. `round`: of those terms at the reference model `nested`.
 pub(super) fn empirical(
-    brief: &Problem,
-    short: &Problem,
-    problem: &Problem,
-    identified: &Identified,
-    component: &[f64],
-    progress: &dyn Fn(&str),
+    search: &Search,
+    nested: &Fit,
+    round: &Round,
 ) -> Result<Option<(&'static dyn Effect, Fit)>, SimulationError> {
-    let round = Round::new(brief, &identified.fit, EMPIRICAL.iter().copied())?;
     let mut gains: Vec<(f64, &'static dyn Effect)> =
         EMPIRICAL.iter().map(|e| (round.gram.gain(&round.of(e.header().id)), *e)).collect();
     gains.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let bases = Bases { current: &identified.fit, component, short, gross: false };
-    let sets: Vec<Vec<&'static dyn Effect>> = gains.into_iter().take(3).map(|(_, e)| vec![e]).collect();
-    let Some(best) = refit_all(brief, &bases, &round, &sets, progress).into_iter().next() else { return Ok(None) };
+    tracing::debug!(?gains, "nameless terms");
+    let top = gains.first().map_or(0.0, |(g, _)| *g);
+    let bases = Bases { current: nested, component: &search.component, short: &search.short, gross: false };
+    let worth = gains.into_iter().filter(|(g, _)| *g > 0.3 * top).take(3);
+    let sets: Vec<Vec<&'static dyn Effect>> = worth.map(|(_, e)| vec![e]).collect();
+    let Some(best) = refit_all(&search.brief, &bases, round, &sets, search.progress).into_iter().next() else {
+        return Ok(None);
+    };
     let effort = Effort { iterations: 8, tolerance: 1e-4, ..Effort::default() };
-    let Ok(fit) = crate::fit::fit(problem, &best.fit.layout, best.fit.point, effort) else { return Ok(None) };
+    let Ok(fit) = crate::fit::fit(search.problem, &best.fit.layout, best.fit.point, effort) else { return Ok(None) };
     let effect = fit.layout.effects[fit.layout.effects.len() - 1];
     Ok(Some((effect, fit)))
 }
