@@ -12,8 +12,6 @@ use crate::problem::{Point, Problem};
 use crate::refit::{Bases, Refit, advantage, refit};
 use crate::score::Direction;
 
-/// Above this cost a target no candidate has come near the data, and polishing them is in vain.
-const POOR: f64 = 20.0;
 /// Share of one effect's direction that another's hold from which on they look alike: an angle of less than 18 degrees.
 const ALIKE: f64 = 0.9;
 /// Most linearisations of a fit that is brought to its minimum. A gross effect needs many.
@@ -22,6 +20,9 @@ const MOST_ITERATIONS: usize = 40;
 const RIVAL: f64 = 0.95;
 
 /// Refits each set of the shortlist; the lowest cost first.
+///
+/// In heats: each candidate gets a few steps, those that keep up some more, and those that are still near the best are brought
+/// to their minimum, for only there can they be compared. Who falls far behind is in the result as it was left.
 pub(super) fn refit_all(
     problem: &Problem,
     bases: &Bases,
@@ -31,40 +32,58 @@ pub(super) fn refit_all(
 ) -> Vec<Refit> {
     let mut out: Vec<Refit> = Vec::new();
     for set in shortlist {
-        let best = out.iter().map(|r| r.fit.cost).fold(f64::INFINITY, f64::min);
         let added: Vec<(&'static dyn Effect, Vec<&Direction>)> = set
             .iter()
             .map(|e| (*e, round.of(e.header().id).into_iter().map(|i| &round.directions[i]).collect()))
             .collect();
-        let effort = Effort {
-            iterations: if bases.gross { 7 } else { 10 },
-            tolerance: 3e-4,
-            hopeless_above: best * 1.5,
-            patience: 2,
-            ..Effort::default()
-        };
-        if let Some(r) = refit(problem, bases, &added, effort) {
-            let names: Vec<&str> = r.added.clone();
-            progress(&format!("{} refitted: cost {:.0} from {:.0}", names.join(" + "), r.fit.cost, bases.current.cost));
-            out.push(r);
-        }
+        out.extend(refit(problem, bases, &added, HEATS[0].effort()));
     }
-    // those that come near the best are brought to their minimum before they are compared
-    let best = out.iter().map(|r| r.fit.cost).fold(f64::INFINITY, f64::min);
-    if best > POOR * problem.targets() as f64 {
+    let before = bases.current.cost;
+    for heat in &HEATS[1..] {
         out.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
-        return out;
-    }
-    let near = best + 0.3 * (problem.cost(&bases.current.layout, &bases.current.point) - best).max(0.0);
-    for r in out.iter_mut().filter(|r| r.fit.cost <= near) {
-        let effort = Effort { iterations: 10, tolerance: 1e-6, ..Effort::default() };
-        if let Ok(fit) = crate::fit::fit(problem, &r.fit.layout, r.fit.point.clone(), effort) {
-            r.fit = fit;
+        let Some(best) = out.first().map(|r| r.fit.cost) else { break };
+        let gain = (before - best).max(0.0);
+        for (place, r) in out.iter_mut().enumerate() {
+            let keeps_up = before - r.fit.cost >= heat.share * gain && r.fit.cost <= heat.times * best;
+            if !r.fit.converged && place < heat.most && keeps_up {
+                if let Ok(fit) = crate::fit::fit(problem, &r.fit.layout, r.fit.point.clone(), heat.effort()) {
+                    r.fit = fit;
+                }
+            }
         }
     }
     out.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
+    for r in &out {
+        progress(&format!("{} refitted: cost {:.0} from {before:.0}", r.added.join(" + "), r.fit.cost));
+    }
     out
 }
+
+/// A heat of [`refit_all`].
+struct Heat {
+    /// Runs in it who is among so many,
+    most: usize,
+    /// gains at least this share of what the best gains,
+    share: f64,
+    /// and leaves at most so many times what the best leaves.
+    times: f64,
+    iterations: usize,
+    tolerance: f64,
+}
+
+impl Heat {
+    fn effort(&self) -> Effort {
+        Effort { iterations: self.iterations, tolerance: self.tolerance, ..Effort::default() }
+    }
+}
+
+/// A gross effect that is bent into place needs many steps, so a heat is generous in what it lets pass.
+const HEATS: [Heat; 4] = [
+    Heat { most: usize::MAX, share: 0.0, times: f64::INFINITY, iterations: 2, tolerance: 1e-5 },
+    Heat { most: 5, share: 0.4, times: 20.0, iterations: 4, tolerance: 1e-5 },
+    Heat { most: 4, share: 0.6, times: 5.0, iterations: 6, tolerance: 1e-5 },
+    Heat { most: 3, share: 0.85, times: 2.0, iterations: 25, tolerance: 1e-6 },
+];
 
 /// Brings a fit of the brief runs to the whole ones. More must not come out as worse than the current model: besides the brief
 /// fit's own point, the current model's base and that of the component experiments lead with the effect's values, and
@@ -95,7 +114,7 @@ pub(super) fn on_the_whole(problem: &Problem, current: &Fit, component: &[f64], 
 
 /// A model fitted to the brief runs, from its fit to the whole ones on.
 pub(super) fn nested_on(brief: &Problem, fit: &Fit) -> Result<Fit, SimulationError> {
-    let effort = Effort { iterations: 8, tolerance: 1e-4, ..Effort::default() };
+    let effort = Effort { iterations: 12, tolerance: 1e-6, ..Effort::default() };
     crate::fit::fit(brief, &fit.layout, fit.point.clone(), effort)
 }
 
@@ -203,11 +222,7 @@ pub(super) fn where_they_differ(problem: &Problem, a: &Fit, b: &Fit) -> Result<S
 }
 
 /// The balance whose nameless terms explain most, refitted. `round`: of those terms at the reference model `nested`.
-pub(super) fn empirical(
-    search: &Search,
-    nested: &Fit,
-    round: &Round,
-) -> Result<Option<(&'static dyn Effect, Fit)>, SimulationError> {
+pub(super) fn empirical(search: &Search, nested: &Fit, round: &Round) -> Result<Option<Fit>, SimulationError> {
     let mut gains: Vec<(f64, &'static dyn Effect)> =
         EMPIRICAL.iter().map(|e| (round.gram.gain(&round.of(e.header().id)), *e)).collect();
     gains.sort_by(|a, b| b.0.total_cmp(&a.0));
@@ -216,11 +231,8 @@ pub(super) fn empirical(
     let bases = Bases { current: nested, component: &search.component, short: &search.short, gross: false };
     let worth = gains.into_iter().filter(|(g, _)| *g > 0.3 * top).take(3);
     let sets: Vec<Vec<&'static dyn Effect>> = worth.map(|(_, e)| vec![e]).collect();
-    let Some(best) = refit_all(&search.brief, &bases, round, &sets, search.progress).into_iter().next() else {
-        return Ok(None);
-    };
+    let refits = refit_all(&search.brief, &bases, round, &sets, search.progress);
+    let Some(best) = refits.into_iter().next() else { return Ok(None) };
     let effort = Effort { iterations: 8, tolerance: 1e-4, ..Effort::default() };
-    let Ok(fit) = crate::fit::fit(search.problem, &best.fit.layout, best.fit.point, effort) else { return Ok(None) };
-    let effect = fit.layout.effects[fit.layout.effects.len() - 1];
-    Ok(Some((effect, fit)))
+    Ok(crate::fit::fit(search.problem, &best.fit.layout, best.fit.point, effort).ok())
 }

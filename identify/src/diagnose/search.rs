@@ -196,7 +196,8 @@ impl<'a> Search<'a> {
             names = ?best.added, better, held, held_better, removed, sound, disagreement, cost = step.fit.cost,
             "best candidate"
         );
-        Ok(better >= PREFERRED && held > 0.0 && held_better >= HELD && removed >= MATERIAL && sound)
+        let preferred = better.max(held_better) >= PREFERRED && held > 0.0 && held_better >= HELD;
+        Ok(preferred && removed >= MATERIAL && sound)
     }
 }
 
