@@ -40,22 +40,23 @@ impl Colour {
 
     /// The first lag at which the noise has forgotten itself, at least 1.
     pub fn forgotten(&self) -> usize {
-        (1..self.covariance.len()).find(|&k| self.at(k) <= FORGOTTEN * self.at(0)).unwrap_or(self.covariance.len().max(1))
+        (1..self.covariance.len())
+            .find(|&k| self.at(k) <= FORGOTTEN * self.at(0))
+            .unwrap_or(self.covariance.len().max(1))
     }
 
     /// Standard deviation of one product of neighbours `lag` apart in a sum of many: the square root of Bartlett's sum.
     pub fn spread(&self, lag: usize) -> f64 {
         let reach = (self.covariance.len() + lag) as isize;
         let at = |k: isize| self.at(k.unsigned_abs());
-        let sum: f64 =
-            (-reach..=reach).map(|k| at(k) * at(k) + at(k + lag as isize) * at(k - lag as isize)).sum();
+        let sum: f64 = (-reach..=reach).map(|k| at(k) * at(k) + at(k + lag as isize) * at(k - lag as isize)).sum();
         sum.max(self.at(0) * self.at(0)).sqrt()
     }
 }
 
 /// By [`Channel`]: the noise's colour as these residuals show it where the lever is free.
-pub fn colours(problem: &Problem, residuals: &[Vec<f64>]) -> [Colour; 5] {
-    Channel::ALL.map(|channel| {
+pub fn colours(problem: &Problem, residuals: &[Vec<f64>]) -> Vec<Colour> {
+    let of = |channel: Channel| {
         let mut windows: Vec<Vec<f64>> = Vec::new();
         for (s, r) in problem.stretches.iter().zip(residuals).filter(|(s, _)| s.stand == Stand::Free) {
             let series: Vec<f64> =
@@ -63,7 +64,8 @@ pub fn colours(problem: &Problem, residuals: &[Vec<f64>]) -> [Colour; 5] {
             windows.extend(series.chunks_exact(WINDOW).map(products));
         }
         of_windows(windows)
-    })
+    };
+    Channel::ALL.into_iter().map(of).collect()
 }
 
 fn of_windows(mut windows: Vec<Vec<f64>>) -> Colour {
@@ -91,9 +93,7 @@ fn of_windows(mut windows: Vec<Vec<f64>>) -> Colour {
 /// Mean products by lag of a window freed of its parabola.
 fn products(window: &[f64]) -> Vec<f64> {
     let left = &*FREED * DVector::from_column_slice(window);
-    (0..=LAGS)
-        .map(|k| (k..WINDOW).map(|t| left[t] * left[t - k]).sum::<f64>() / (WINDOW - k) as f64)
-        .collect()
+    (0..=LAGS).map(|k| (k..WINDOW).map(|t| left[t] * left[t - k]).sum::<f64>() / (WINDOW - k) as f64).collect()
 }
 
 /// Takes a window's parabola off.
@@ -156,7 +156,11 @@ mod tests {
                 assert!((c.at(k) / c.at(0) - kept.powi(k as i32)).abs() < 0.06, "{kept}, lag {k}: {c:?}");
             }
             let expected = if kept > 0.0 { (0.05f64.ln() / kept.ln()).ceil() as usize } else { 1 };
-            assert!((expected.saturating_sub(1)..=expected + 4).contains(&c.forgotten()), "{kept}: {} for {expected}", c.forgotten());
+            assert!(
+                (expected.saturating_sub(1)..=expected + 4).contains(&c.forgotten()),
+                "{kept}: {} for {expected}",
+                c.forgotten()
+            );
         }
     }
 
@@ -168,7 +172,10 @@ mod tests {
             let lag = c.forgotten();
             let sums: Vec<f64> = series
                 .chunks_exact(2000)
-                .map(|s| (lag..s.len()).map(|t| s[t] * s[t - lag] - kept.powi(lag as i32)).sum::<f64>() / (2000.0f64 - lag as f64).sqrt())
+                .map(|s| {
+                    (lag..s.len()).map(|t| s[t] * s[t - lag] - kept.powi(lag as i32)).sum::<f64>()
+                        / (2000.0f64 - lag as f64).sqrt()
+                })
                 .collect();
             let seen = (sums.iter().map(|s| s * s).sum::<f64>() / sums.len() as f64).sqrt();
             assert!((c.spread(lag) / seen - 1.0).abs() < 0.2, "{kept}: {} for {seen}", c.spread(lag));

@@ -29,7 +29,7 @@ pub struct Part {
 ///
 /// What is no misfit of the plant is taken off: what little is left of the noise's colour at that distance, and what the steps of
 /// an encoder leave that no noise dithers. `colours`: by [`Channel`], where the lever is free.
-pub fn parts(problem: &Problem, residuals: &[Vec<f64>], colours: &[Colour; 5]) -> Vec<Part> {
+pub fn parts(problem: &Problem, residuals: &[Vec<f64>], colours: &[Colour]) -> Vec<Part> {
     let mut out: Vec<Part> = Vec::new();
     let runs: std::collections::BTreeSet<usize> = problem.stretches.iter().map(|s| s.run).collect();
     let white = Colour::white();
@@ -83,4 +83,3 @@ pub fn largest(parts: &[Part]) -> f64 {
 pub fn total(parts: &[Part]) -> f64 {
     parts.iter().map(|p| weight(p) * p.structured.max(0.0)).sum()
 }
-

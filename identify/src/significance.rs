@@ -119,8 +119,7 @@ mod tests {
     fn runs(rng: &mut ChaCha8Rng, residual: impl Fn(&mut ChaCha8Rng) -> Vec<f64>, planted: f64) -> Vec<Evidence> {
         const CLUSTERS: usize = 8;
         const LENGTH: usize = 50;
-        let mut out: Vec<Evidence> =
-            (0..12).map(|_| Evidence { sums: Vec::new(), cosines: Vec::new() }).collect();
+        let mut out: Vec<Evidence> = (0..12).map(|_| Evidence { sums: Vec::new(), cosines: Vec::new() }).collect();
         for _ in 0..5 {
             let secants: Vec<Vec<f64>> = (0..12)
                 .map(|_| {

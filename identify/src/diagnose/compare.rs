@@ -112,6 +112,23 @@ pub(super) fn on_the_whole(problem: &Problem, current: &Fit, component: &[f64], 
     (fit.cost < current.cost).then_some(fit)
 }
 
+/// The better of a gross misfit's two fits: as it is, and once more from the component experiments on, over longer and longer horizons,
+/// which have few false minima at first. What an effect gains must not be what another start would have gained without it.
+pub(super) fn nearer(problem: &Problem, horizons: &[&Problem], reference: &Fit, component: &[f64]) -> Fit {
+    let mut theta = component.to_vec();
+    let mut best = reference.clone();
+    for horizon in horizons {
+        let effort = Effort { iterations: 12, tolerance: 1e-4, ..Effort::default() };
+        let Ok(led) = crate::fit::fit(horizon, &reference.layout, horizon.point(theta), effort) else { return best };
+        theta = led.point.theta.clone();
+        if std::ptr::eq(*horizon, problem) && led.cost < best.cost {
+            tracing::info!(from = best.cost, to = led.cost, "the reference model was in a false minimum");
+            best = led;
+        }
+    }
+    best
+}
+
 /// A model fitted to the brief runs, from its fit to the whole ones on.
 pub(super) fn nested_on(brief: &Problem, fit: &Fit) -> Result<Fit, SimulationError> {
     let effort = Effort { iterations: 12, tolerance: 1e-6, ..Effort::default() };
@@ -228,7 +245,7 @@ pub(super) fn empirical(search: &Search, nested: &Fit, round: &Round) -> Result<
     gains.sort_by(|a, b| b.0.total_cmp(&a.0));
     tracing::debug!(?gains, "nameless terms");
     let top = gains.first().map_or(0.0, |(g, _)| *g);
-    let bases = Bases { current: nested, component: &search.component, short: &search.short, gross: false };
+    let bases = Bases { current: nested, component: search.component, short: &search.short, gross: false };
     let worth = gains.into_iter().filter(|(g, _)| *g > 0.3 * top).take(3);
     let sets: Vec<Vec<&'static dyn Effect>> = worth.map(|(_, e)| vec![e]).collect();
     let refits = refit_all(&search.brief, &bases, round, &sets, search.progress);

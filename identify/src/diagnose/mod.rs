@@ -135,13 +135,14 @@ pub fn diagnose_with(
     identified: &Identified,
     progress: &dyn Fn(&str),
 ) -> Result<Diagnosis, SimulationError> {
-    let search = Search::new(library, identified, progress);
-    let nested = search.nested(&identified.fit)?;
+    let component = identified.fit.layout.vector_of(&identified.component);
+    let search = Search::new(library, (&identified.problem, &identified.fit, &component), progress);
+    let nested = search.nested(&search.reference)?;
     let first = Round::new(&search.brief, &nested, library.iter().copied())?;
     progress("candidates scored");
     let mut found = search.start()?;
     for number in 0..MOST_EFFECTS {
-        let largest = misfit::largest(&found.parts(&search.problem, found.last()));
+        let largest = misfit::largest(&found.parts(search.problem, found.last()));
         tracing::info!(number, largest, "structured residual, noise floors");
         // what is left of an effect whose form differs a little is not a second effect
         if largest < if number == 0 { MATERIAL } else { SECOND } {

@@ -51,11 +51,7 @@ impl<'a> Round<'a> {
     }
 
     /// Sets of one effect out of `candidates`, and the best of two where two together explain far more than either, the best first.
-    pub fn shortlist(
-        &self,
-        candidates: &[&'static dyn Effect],
-        most: usize,
-    ) -> Vec<Vec<&'static dyn Effect>> {
+    pub fn shortlist(&self, candidates: &[&'static dyn Effect], most: usize) -> Vec<Vec<&'static dyn Effect>> {
         let mut singles: Vec<(f64, usize)> = candidates
             .iter()
             .enumerate()
@@ -68,7 +64,7 @@ impl<'a> Round<'a> {
             .iter()
             .take(most)
             .enumerate()
-            .filter(|(i, (g, _))| *i < 3 || *g > 0.1 * top)
+            .filter(|(i, (g, _))| *i < 3 || *g > 0.2 * top)
             .map(|(_, (_, n))| vec![candidates[*n]])
             .collect();
         // a gross misfit in a few clusters misleads the gain: the two that most clusters agree on are tried as well

@@ -3,13 +3,15 @@
 use model::effects::Effect;
 use model::integrate::SimulationError;
 
-use super::compare::{is_sound, look_alikes, nested_on, on_the_whole, rank, refit_all, rivals, where_they_differ};
+use super::compare::{
+    is_sound, look_alikes, nearer, nested_on, on_the_whole, rank, refit_all, rivals, where_they_differ,
+};
 use super::holdout::HoldOut;
 use super::round::Round;
 use super::{BRIEF_S, CLEAR, GROSS, LEVEL, MATERIAL, PREFERRED, Ranked, SHORT_S};
 use crate::colour::{Colour, colours};
 use crate::fit::Fit;
-use crate::identification::{Identified, covariance_of};
+use crate::identification::covariance_of;
 use crate::misfit::{self, Part};
 use crate::problem::Problem;
 use crate::refit::{Bases, Refit, advantage};
@@ -17,12 +19,14 @@ use crate::refit::{Bases, Refit, advantage};
 /// What stays the same throughout.
 pub(super) struct Search<'a> {
     pub library: &'a [&'static dyn Effect],
-    pub identified: &'a Identified,
     pub problem: &'a Problem,
+    /// The declared model, fitted.
+    pub reference: Fit,
     /// The first seconds of each run with a free lever.
     pub brief: Problem,
     pub short: Problem,
-    pub component: Vec<f64>,
+    /// Base values that no effect has bent: another start for a gross one.
+    pub component: &'a [f64],
     pub clusters: Vec<Vec<usize>>,
     pub count: usize,
     pub progress: &'a dyn Fn(&str),
@@ -59,7 +63,7 @@ pub(super) struct Found {
     /// Candidates of the first round.
     pub ranking: Vec<Ranked>,
     /// The noise: by channel, as the fit that leaves least shows it.
-    pub colours: [Colour; 5],
+    pub colours: Vec<Colour>,
 }
 
 impl Found {
@@ -82,25 +86,24 @@ impl Found {
 }
 
 impl<'a> Search<'a> {
-    pub fn new(library: &'a [&'static dyn Effect], identified: &'a Identified, progress: &'a dyn Fn(&str)) -> Self {
-        let problem = &identified.problem;
+    pub fn new(
+        library: &'a [&'static dyn Effect],
+        (problem, reference, component): (&'a Problem, &'a Fit, &'a [f64]),
+        progress: &'a dyn Fn(&str),
+    ) -> Self {
         let (clusters, count) = crate::score::clusters(problem);
-        Search {
-            library,
-            identified,
-            problem,
-            short: problem.shortened(SHORT_S),
-            brief: problem.shortened(BRIEF_S),
-            component: identified.fit.layout.vector_of(&identified.component),
-            clusters,
-            count,
-            progress,
-        }
+        let (short, brief) = (problem.shortened(SHORT_S), problem.shortened(BRIEF_S));
+        let reference = if reference.cost > FAR * problem.targets() as f64 {
+            nearer(problem, &[&short, &brief, problem], reference, component)
+        } else {
+            reference.clone()
+        };
+        Search { library, problem, reference, short, brief, component, clusters, count, progress }
     }
 
     /// The reference model alone.
     pub fn start(&self) -> Result<Found, SimulationError> {
-        let fit = self.identified.fit.clone();
+        let fit = self.reference.clone();
         let residual = self.problem.residuals(&fit.layout, &fit.point)?;
         let colours = colours(self.problem, &residual);
         let held_out = HoldOut::of(self.problem, &fit, &self.clusters)?.residuals();
@@ -146,7 +149,7 @@ impl<'a> Search<'a> {
         }
         let open = self.open(&last.fit);
         let gross = largest > GROSS;
-        let bases = Bases { current: nested, component: &self.component, short: &self.short, gross };
+        let bases = Bases { current: nested, component: self.component, short: &self.short, gross };
         let shortlist = round.shortlist(&open, if gross { 6 } else { 5 });
         let mut refits = refit_all(&self.brief, &bases, round, &shortlist, self.progress);
         // what looks like the best one must be refitted too before that is named
@@ -160,7 +163,7 @@ impl<'a> Search<'a> {
         if found.ranking.is_empty() {
             found.ranking = ranked.clone();
         }
-        let Some(fit) = on_the_whole(self.problem, &last.fit, &self.component, &best.fit) else { return Ok(None) };
+        let Some(fit) = on_the_whole(self.problem, &last.fit, self.component, &best.fit) else { return Ok(None) };
         let rivals = rivals(&self.brief, &refits, nested.cost)?;
         let next_experiment = match rivals.first() {
             Some(rival) => Some(where_they_differ(&self.brief, &best.fit, &rival.fit)?),
@@ -201,5 +204,7 @@ impl<'a> Search<'a> {
     }
 }
 
+/// Cost a target (noise alone: 1) from which the reference model's fit may be a false minimum.
+const FAR: f64 = 10.0;
 /// Standard errors (by clusters) by which data that were left out must be predicted better.
 const HELD: f64 = 2.0;
