@@ -45,10 +45,12 @@ pub(super) fn refit_all(
         let gain = (before - best).max(0.0);
         for (place, r) in out.iter_mut().enumerate() {
             let keeps_up = before - r.fit.cost >= heat.share * gain && r.fit.cost <= heat.times * best;
-            if !r.fit.converged && place < heat.most && keeps_up {
-                if let Ok(fit) = crate::fit::fit(problem, &r.fit.layout, r.fit.point.clone(), heat.effort()) {
-                    r.fit = fit;
-                }
+            if !r.fit.converged
+                && place < heat.most
+                && keeps_up
+                && let Ok(fit) = crate::fit::fit(problem, &r.fit.layout, r.fit.point.clone(), heat.effort())
+            {
+                r.fit = fit;
             }
         }
     }
