@@ -134,13 +134,23 @@ pub fn identify_as(loaded: &Loaded, form: TorqueForm, progress: &dyn Fn(&str)) -
     };
 
     tracing::debug!(?component, loss = ?points.loss, "component");
-    // where the separate fit of the losses leads nowhere, usual ones do better
-    let mut usual = component;
-    usual.losses = Parameters::example().losses;
-    if problem.cost(&layout, &problem.point(layout.vector_of(&usual)))
-        < problem.cost(&layout, &problem.point(layout.vector_of(&component)))
-    {
-        component = usual;
+    // where a separate fit leads nowhere, usual values do better
+    let cost = |p: &Parameters| problem.cost(&layout, &problem.point(layout.vector_of(p)));
+    let example = Parameters::example();
+    let usual: [fn(&mut Parameters, &Parameters); 4] = [
+        |p, usual| p.losses = usual.losses,
+        |p, usual| p.capacity = usual.capacity,
+        |p, usual| p.displacement = usual.displacement,
+        |p, usual| (p.capacity, p.displacement) = (usual.capacity, usual.displacement),
+    ];
+    let mut least = cost(&component);
+    for put in usual {
+        let mut other = component;
+        put(&mut other, &example);
+        let own = cost(&other);
+        if own < least {
+            (least, component) = (own, other);
+        }
     }
     layout.fixed = component.to_vector().to_vec();
 

@@ -1,5 +1,6 @@
 //! Identification, free-run validation and diagnosis, offline, from recordings.
 pub mod analysis;
+pub mod colour;
 pub mod component;
 pub mod consistency;
 pub mod corruption;

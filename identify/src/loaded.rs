@@ -4,7 +4,7 @@ use recordings::{Campaign, Protocol, Recording, Role, RunEntry};
 
 use crate::corruption::{Corruption, clean};
 use crate::identification::IdentifyError;
-use crate::noise::{median, white_std};
+use crate::noise::{median, spread_about_line, white_std};
 use crate::plausible::{SetAside, examine};
 use crate::prepare::{Channel, stretches};
 use crate::problem::Problem;
@@ -19,6 +19,9 @@ pub struct LoadedRun {
     pub corruption: Corruption,
     /// Noise of one sample by channel, in the channel's unit, where the data tell it.
     pub noise: [Option<f64>; 5],
+    /// Spread of the values about their straight line before the first motion of a run with a free lever, by channel: noise of
+    /// any colour that a second shows.
+    pub rest: [Option<f64>; 5],
     /// Step of a quantised channel, in the channel's unit; 0 for a continuous one.
     pub step: [f64; 5],
 }
@@ -59,7 +62,8 @@ impl Loaded {
             });
             let step =
                 Channel::ALL.map(|c| if c == Channel::Volume { 0.0 } else { crate::noise::step(c.of(&recording)) });
-            runs.push(LoadedRun { entry: entry.clone(), recording, corruption, noise, step });
+            let rest = Channel::ALL.map(|c| at_rest(&recording, entry.protocol, c));
+            runs.push(LoadedRun { entry: entry.clone(), recording, corruption, noise, rest, step });
         }
         Loaded { campaign, runs, set_aside: Vec::new() }
     }
@@ -86,6 +90,12 @@ impl Loaded {
         if noise < 0.4 * step { step * step / 12.0 / self.noise_of(run, channel).powi(2) } else { 0.0 }
     }
 
+    /// RMS of a channel's sensor noise in a run, its colour included: what no model can do better than.
+    pub fn floor_of(&self, run: usize, channel: Channel) -> f64 {
+        let mut rests: Vec<f64> = self.runs.iter().filter_map(|r| r.rest[channel.index()]).collect();
+        self.noise_of(run, channel).max(median(&mut rests))
+    }
+
     /// Noise of one sample of a channel in a run, at least what its steps make; where the run does not tell it, the median of the other runs.
     pub fn noise_of(&self, run: usize, channel: Channel) -> f64 {
         let c = channel.index();
@@ -105,6 +115,18 @@ impl Loaded {
             if others.is_empty() { UNKNOWN_NOISE[c] } else { median(&mut others) }
         })
     }
+}
+
+/// See [`LoadedRun::rest`].
+fn at_rest(r: &Recording, protocol: Protocol, channel: Channel) -> Option<f64> {
+    const FEWEST: usize = 50;
+    let free = matches!(protocol, Protocol::ConstantFlow | Protocol::SquareWave | Protocol::RandomSteps);
+    let rows = r.voltage_v.iter().position(|u| *u != 0.0)?;
+    let known: Vec<f64> = channel.of(r)[..rows].iter().copied().filter(|v| v.is_finite()).collect();
+    if !free || known.len() < FEWEST {
+        return None;
+    }
+    Some(spread_about_line(&known)).filter(|s| *s > 0.0)
 }
 
 /// The cylinder's readings, with a `NaN` where a segment ends and it starts anew.

@@ -2,6 +2,7 @@
 
 use recordings::Protocol;
 
+use crate::colour::Colour;
 use crate::prepare::{Channel, Stand};
 use crate::problem::Problem;
 
@@ -10,7 +11,7 @@ use crate::problem::Problem;
 pub struct Part {
     /// Position of the run in the campaign.
     pub run: usize,
-    /// Protocol of the run, if it is of the REC rig.
+    /// Protocol of the run.
     pub protocol: Option<Protocol>,
     /// The lever is free.
     pub free: bool,
@@ -19,22 +20,23 @@ pub struct Part {
     /// Mean square of the structured part of the residual, in units of the noise of one sample squared. May come out
     /// slightly negative where there is none.
     pub structured: f64,
-    /// `structured` over its standard error without structure.
+    /// `structured` over its standard error if there were none, the noise's colour allowed for.
     pub significance: f64,
 }
 
-/// Structured residual by run and channel: the mean product of neighbouring blocks, whose noise is independent.
+/// Structured residual by run and channel: the mean product of blocks that are so far apart that the sensors' noise has
+/// forgotten itself.
 ///
-/// What is no misfit of the plant is taken off: the colour of the sensors' noise as it shows during the initial rests, and
-/// what the steps of an encoder leave that no noise dithers.
-pub fn parts(problem: &Problem, residuals: &[Vec<f64>], clusters: &[Vec<usize>]) -> Vec<Part> {
-    let colour = colour_at_rest(problem);
+/// What is no misfit of the plant is taken off: what little is left of the noise's colour at that distance, and what the steps of
+/// an encoder leave that no noise dithers. `colours`: by [`Channel`], where the lever is free.
+pub fn parts(problem: &Problem, residuals: &[Vec<f64>], colours: &[Colour]) -> Vec<Part> {
     let mut out: Vec<Part> = Vec::new();
     let runs: std::collections::BTreeSet<usize> = problem.stretches.iter().map(|s| s.run).collect();
+    let white = Colour::white();
     for run in runs {
         for channel in problem.channels() {
-            let mut sums: std::collections::BTreeMap<usize, f64> = Default::default();
-            let (mut weight, mut pairs) = (0.0, 0usize);
+            let (mut sum, mut weight, mut pairs) = (0.0, 0.0, 0usize);
+            let mut error = 0.0;
             let mut free = false;
             let mut protocol = None;
             let mut there = false;
@@ -44,70 +46,26 @@ pub fn parts(problem: &Problem, residuals: &[Vec<f64>], clusters: &[Vec<usize>])
                 protocol = s.protocol;
                 there = true;
                 steps = problem.steps[n][channel.index()];
-                let taken = if free { colour[channel.index()] } else { 0.0 };
-                let mut last: Option<f64> = None;
-                for (t, target) in s.targets.iter().enumerate().filter(|(_, t)| t.channel == channel) {
-                    let r = residuals[n][t];
-                    if let Some(before) = last {
-                        *sums.entry(clusters[n][t]).or_default() += r * before - taken;
-                        weight += target.samples as f64;
-                        pairs += 1;
-                    }
-                    last = Some(r);
+                let colour = if free { &colours[channel.index()] } else { &white };
+                let lag = colour.forgotten();
+                let taken = if free { colour.at(lag).max(0.0) } else { 0.0 };
+                let own: Vec<usize> = (0..s.targets.len()).filter(|&t| s.targets[t].channel == channel).collect();
+                for (before, after) in own.iter().zip(own.iter().skip(lag)) {
+                    sum += residuals[n][*after] * residuals[n][*before] - taken;
+                    weight += s.targets[*after].samples as f64;
+                    pairs += 1;
                 }
+                error = colour.spread(lag);
             }
             if !there || pairs < 10 {
                 continue;
             }
-            let total: f64 = sums.values().sum::<f64>() - steps * weight;
-            // white noise alone spreads the sum by sqrt(pairs)
-            let error = (pairs as f64).sqrt();
-            out.push(Part { run, protocol, free, channel, structured: total / weight, significance: total / error });
+            let total: f64 = sum - steps * weight;
+            let significance = total / (error * (pairs as f64).sqrt());
+            out.push(Part { run, protocol, free, channel, structured: total / weight, significance });
         }
     }
     out
-}
-
-/// Mean product of neighbouring blocks before the first motion, by channel, where it is more than chance: the colour of
-/// the noise itself. Taken from the measured values about their own straight line, not from the residual: a model that
-/// is wrong at rest must not pass for noise.
-fn colour_at_rest(problem: &Problem) -> Vec<f64> {
-    let count = problem.channels().len();
-    let mut sums = vec![0.0; count];
-    let mut pairs = vec![0usize; count];
-    for (n, s) in problem.stretches.iter().enumerate().filter(|(_, s)| s.stand == Stand::Free) {
-        let moved = problem.plant.rest_rows(s);
-        for channel in problem.channels() {
-            let rest: Vec<f64> = (0..s.targets.len())
-                .filter(|&t| s.targets[t].channel == channel && s.targets[t].middle < moved)
-                .map(|t| s.targets[t].measured / problem.target_std(n, t))
-                .collect();
-            if rest.len() < 20 {
-                continue;
-            }
-            let level = about_line(&rest);
-            sums[channel.index()] += level.windows(2).map(|w| w[0] * w[1]).sum::<f64>();
-            pairs[channel.index()] += rest.len() - 1;
-        }
-    }
-    let of = |c: usize| {
-        let n = pairs[c] as f64;
-        if n > 0.0 && sums[c] > 3.0 * n.sqrt() { sums[c] / n } else { 0.0 }
-    };
-    (0..count).map(of).collect()
-}
-
-/// Values less their least-squares line over the index.
-fn about_line(values: &[f64]) -> Vec<f64> {
-    let n = values.len() as f64;
-    let middle = (n - 1.0) / 2.0;
-    let mean = values.iter().sum::<f64>() / n;
-    let (mut tt, mut tv) = (0.0, 0.0);
-    for (i, v) in values.iter().enumerate() {
-        tt += (i as f64 - middle).powi(2);
-        tv += (i as f64 - middle) * (v - mean);
-    }
-    values.iter().enumerate().map(|(i, v)| v - mean - tv / tt * (i as f64 - middle)).collect()
 }
 
 /// How much of a misfit counts: all where the lever is free; where angle or pressures are inputs a fifth (RMS), for there
@@ -125,17 +83,4 @@ pub fn largest(parts: &[Part]) -> f64 {
 /// Sum of the structured mean squares, weighted.
 pub fn total(parts: &[Part]) -> f64 {
     parts.iter().map(|p| weight(p) * p.structured.max(0.0)).sum()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_line_leaves_nothing_and_the_rest_keeps_its_size() {
-        assert!(about_line(&[1.0, 3.0, 5.0, 7.0]).iter().all(|v| v.abs() < 1e-12));
-        let wave: Vec<f64> = (0..100).map(|i| if i % 2 == 0 { 1.0 } else { -1.0 }).collect();
-        let left: f64 = about_line(&wave).iter().map(|v| v * v).sum();
-        assert!((left - 100.0).abs() < 1.0, "{left}");
-    }
 }

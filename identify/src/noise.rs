@@ -57,6 +57,25 @@ pub fn step(values: &[f64]) -> f64 {
     median(&mut gaps)
 }
 
+/// Standard deviation of values about their straight line over the index; 0 for fewer than 3.
+pub fn spread_about_line(values: &[f64]) -> f64 {
+    if values.len() < 3 {
+        return 0.0;
+    }
+    let n = values.len() as f64;
+    let middle = (n - 1.0) / 2.0;
+    let mean = values.iter().sum::<f64>() / n;
+    let (mut tt, mut tv) = (0.0, 0.0);
+    for (i, v) in values.iter().enumerate() {
+        let t = i as f64 - middle;
+        tt += t * t;
+        tv += t * (v - mean);
+    }
+    let slope = tv / tt;
+    let left = values.iter().enumerate().map(|(i, v)| (v - mean - slope * (i as f64 - middle)).powi(2));
+    (left.sum::<f64>() / (n - 2.0)).sqrt()
+}
+
 /// Median; reorders its argument. 0 for an empty one.
 pub fn median(values: &mut [f64]) -> f64 {
     if values.is_empty() {
@@ -101,5 +120,22 @@ mod tests {
         let found = white_std(&series).unwrap();
         assert!((found / expected - 1.0).abs() < 0.01, "{found} {expected}");
         assert_eq!(white_std(&[1.0, 2.0]), None);
+    }
+
+    #[test]
+    fn the_spread_about_a_line_is_the_noise_s_whatever_its_colour() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(4);
+        let normal = Normal::new(0.0, 1.0).unwrap();
+        let (mut last, kept) = (0.0, 0.9f64);
+        let series: Vec<f64> = (0..20_000)
+            .map(|i| {
+                last = kept * last + (1.0 - kept * kept).sqrt() * normal.sample(&mut rng);
+                5.0 + 1e-3 * i as f64 + last
+            })
+            .collect();
+        assert!((spread_about_line(&series) - 1.0).abs() < 0.05);
+        assert!(white_std(&series).unwrap() < 0.4, "second differences see its white part alone");
+        assert_eq!(spread_about_line(&[1.0, 2.0]), 0.0);
+        assert!(spread_about_line(&[1.0, 2.0, 3.0]) < 1e-12);
     }
 }

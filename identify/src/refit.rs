@@ -29,7 +29,7 @@ pub struct Bases<'a> {
     pub gross: bool,
 }
 
-/// Refits `current` with these effects added, each from its best starts.
+/// Refits `current` with these effects added, from the best of their starts, with this effort from each base.
 pub fn refit(
     problem: &Problem,
     bases: &Bases,
@@ -58,21 +58,18 @@ pub fn refit(
         best.map(|(_, point)| point)
     };
     // a few steps tell which start leads down
-    let few = Effort { iterations: 2, ..effort };
     let mut tried: Vec<Fit> = Vec::new();
     if let Some(point) = best_of(problem, false) {
-        tried.extend(fit(problem, &layout, point, few).ok());
+        tried.extend(fit(problem, &layout, point, effort).ok());
     }
     if bases.gross
         && let Some(point) = best_of(bases.short, true)
     {
         let lead = Effort { iterations: 10, tolerance: 1e-3, ..Effort::default() };
         let point = fit(bases.short, &layout, point.clone(), lead).map_or(point, |f| f.point);
-        tried.extend(fit(problem, &layout, point, few).ok());
+        tried.extend(fit(problem, &layout, point, effort).ok());
     }
-    tried.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-    let lead = tried.into_iter().next()?;
-    let fit = if lead.converged { lead } else { fit(problem, &layout, lead.point, effort).ok()? };
+    let fit = tried.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost))?;
     Some(Refit { added: added.iter().map(|(e, _)| e.header().id).collect(), fit })
 }
 

@@ -261,6 +261,20 @@ impl Gram {
         along.iter().zip(eigen.eigenvalues.iter()).filter(|(_, l)| **l > 1e-3).map(|(a, l)| a * a / l).sum()
     }
 
+    /// Share of a direction, squared, that lies in the span of others.
+    pub fn share_held(&self, one: usize, by: &[usize]) -> f64 {
+        let n = by.len();
+        if n == 0 {
+            return 0.0;
+        }
+        let norm = |i: usize| self.matrix[(i, i)].sqrt();
+        let m = DMatrix::from_fn(n, n, |i, j| self.matrix[(by[i], by[j])] / (norm(by[i]) * norm(by[j])));
+        let b = DVector::from_fn(n, |i, _| self.matrix[(by[i], one)] / (norm(by[i]) * norm(one)));
+        let eigen = m.symmetric_eigen();
+        let along = eigen.eigenvectors.transpose() * b;
+        along.iter().zip(eigen.eigenvalues.iter()).filter(|(_, l)| **l > 1e-3).map(|(a, l)| a * a / l).sum()
+    }
+
     /// Cosine between two directions.
     pub fn cosine(&self, i: usize, j: usize) -> f64 {
         self.matrix[(i, j)] / (self.matrix[(i, i)] * self.matrix[(j, j)]).sqrt()

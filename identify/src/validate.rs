@@ -119,7 +119,7 @@ pub fn validate(loaded: &Loaded, runs: Vec<Prepared>, before: &Fit, after: Optio
         .map(|prepared| {
             let (first, second) =
                 rayon::join(|| simulate(&prepared, before), || after.map(|after| simulate(&prepared, after)));
-            let noise_floor = Channel::ALL.map(|c| loaded.noise_of(prepared.run, c));
+            let noise_floor = Channel::ALL.map(|c| loaded.floor_of(prepared.run, c));
             ValidatedRun { prepared, noise_floor, before: first, after: second }
         })
         .collect()

@@ -5,10 +5,11 @@
 mod common;
 
 use common::{dynamic, layout, problem};
+use identify::colour::colours;
 use identify::fit::{Effort, fit};
 use identify::identification::standard_errors;
 use identify::misfit;
-use identify::score::{Gram, Scene, clusters, dot};
+use identify::score::{Gram, Scene, dot};
 use model::Parameters;
 use model::effects::{LIBRARY, find};
 
@@ -67,7 +68,7 @@ fn without_an_effect_no_candidate_gains_more_than_noise_gives() {
     let start = problem.point(layout.vector_of(&truth));
     let found = fit(&problem, &layout, start, Effort::default()).unwrap();
     let scene = Scene::new(&problem, &found).unwrap();
-    let parts = misfit::parts(&problem, &scene.residual, &clusters(&problem).0);
+    let parts = misfit::parts(&problem, &scene.residual, &colours(&problem, &scene.residual));
     assert_eq!(misfit::largest(&parts), 0.0, "{parts:?}");
     for effect in LIBRARY {
         let directions = scene.directions(*effect);

@@ -116,6 +116,10 @@ enum Hitch {
     Identify(#[from] IdentifyError),
     #[error("simulation {0}")]
     Simulation(#[from] SimulationError),
+    #[error(
+        "no sizes found at which the effects have the strength of their kind; the last ones show {0:.1?} noise floors"
+    )]
+    Strength(Vec<f64>),
 }
 
 /// Draws, records, diagnoses and judges the case of this number. `keep`: a folder that gets the campaign and, beside it, the truth.
@@ -128,7 +132,7 @@ pub fn trial(seed: u64, case: usize, keep: Option<&Path>) -> Result<Case, Failur
     let mut hitches = Vec::new();
     for attempt in 0..ATTEMPTS {
         let rig = draw(seed, case, attempt);
-        match prepare(seed, &planned, &rig) {
+        match prepare(seed, &planned, &rig, attempt < STRICT) {
             Ok((truth, recorded)) => {
                 if let Some(dir) = keep {
                     leave(dir, &recorded, &truth, case)?;
@@ -143,8 +147,8 @@ pub fn trial(seed: u64, case: usize, keep: Option<&Path>) -> Result<Case, Failur
     Err(Failure::new(failure::Kind::Internal, message))
 }
 
-/// The case's effects in their sizes, and its campaign.
-fn prepare(seed: u64, planned: &Planned, rig: &Rig) -> Result<(Truth, Recorded), Hitch> {
+/// The case's effects in their sizes, and its campaign. `strict`: an effect that misses its kind's range of strengths is a hitch.
+fn prepare(seed: u64, planned: &Planned, rig: &Rig, strict: bool) -> Result<(Truth, Recorded), Hitch> {
     let Planned { case, kind, ref effects } = *planned;
     let mut truth = Truth { parameters: rig.parameters, effects: Vec::new() };
     let mut recorded = record(&truth, rig, seed, case)?;
@@ -160,26 +164,44 @@ fn prepare(seed: u64, planned: &Planned, rig: &Rig) -> Result<(Truth, Recorded),
         truth.effects.push((*effect, values));
     }
     // What was computed beside a campaign without the effects is measured in one with them, and put right.
-    for _ in 0..2 {
+    let mut last = Vec::new();
+    for _ in 0..CORRECTIONS {
         recorded = record(&truth, rig, seed, case)?;
         let yardstick = Yardstick::new(&recorded, f64::INFINITY)?;
-        let mut fits = true;
+        last.clear();
+        let mut changed = false;
         for (number, wanted) in wanted.iter().enumerate() {
             let shown = largest(&yardstick.errors(&yardstick.best_fit(&truth, |n| n != number)?)?);
+            last.push(shown);
             let (effect, values) = truth.effects[number].clone();
             let next = scaled(effect, &values, (wanted / shown).clamp(0.2, 5.0));
             if !(low..=high).contains(&shown) && next != values {
                 truth.effects[number].1 = next;
-                fits = false;
+                changed = true;
             }
         }
-        if fits {
-            return Ok((truth, recorded));
+        if !changed {
+            return if !strict || last.iter().all(|shown| (low * TOLERANCE..=high / TOLERANCE).contains(shown)) {
+                Ok((truth, recorded))
+            } else {
+                Err(Hitch::Strength(last))
+            };
         }
+    }
+    if strict {
+        return Err(Hitch::Strength(last));
     }
     recorded = record(&truth, rig, seed, case)?;
     Ok((truth, recorded))
 }
+
+/// Rigs on which the effects must have the strength of their kind; on a later one they are taken as they are, and the table says how
+/// strong that is.
+const STRICT: u64 = 3;
+/// How often sizes are put right by what they show.
+const CORRECTIONS: usize = 4;
+/// An effect whose sizes are at a bound may miss its kind's range of strengths by this factor.
+const TOLERANCE: f64 = 0.7;
 
 fn diagnose_sealed(planned: &Planned, attempt: u64, rig: Rig, truth: &Truth, recorded: Recorded, drawn: f64) -> Case {
     let mut out = Case {

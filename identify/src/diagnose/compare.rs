@@ -5,18 +5,24 @@ use model::effects::empirical::EMPIRICAL;
 use model::integrate::SimulationError;
 
 use super::round::Round;
-use super::{Declared, PREFERRED, Ranked};
+use super::search::Search;
+use super::{PREFERRED, Ranked};
 use crate::fit::{Effort, Fit};
-use crate::problem::Problem;
+use crate::problem::{Point, Problem};
 use crate::refit::{Bases, Refit, advantage, refit};
 use crate::score::Direction;
 
-/// Above this cost a target no candidate has come near the data, and polishing them is in vain.
-const POOR: f64 = 20.0;
+/// Share of one effect's direction that another's hold from which on they look alike: an angle of less than 18 degrees.
+const ALIKE: f64 = 0.9;
+/// Most linearisations of a fit that is brought to its minimum. A gross effect needs many.
+const MOST_ITERATIONS: usize = 40;
 /// A rival explains at least this share of what the best candidate does.
 const RIVAL: f64 = 0.95;
 
 /// Refits each set of the shortlist; the lowest cost first.
+///
+/// In heats: each candidate gets a few steps, those that keep up some more, and those that are still near the best are brought
+/// to their minimum, for only there can they be compared. Who falls far behind is in the result as it was left.
 pub(super) fn refit_all(
     problem: &Problem,
     bases: &Bases,
@@ -26,52 +32,131 @@ pub(super) fn refit_all(
 ) -> Vec<Refit> {
     let mut out: Vec<Refit> = Vec::new();
     for set in shortlist {
-        let best = out.iter().map(|r| r.fit.cost).fold(f64::INFINITY, f64::min);
         let added: Vec<(&'static dyn Effect, Vec<&Direction>)> = set
             .iter()
             .map(|e| (*e, round.of(e.header().id).into_iter().map(|i| &round.directions[i]).collect()))
             .collect();
-        let effort = Effort {
-            iterations: if bases.gross { 7 } else { 10 },
-            tolerance: 3e-4,
-            hopeless_above: best * 1.5,
-            patience: 2,
-            ..Effort::default()
-        };
-        if let Some(r) = refit(problem, bases, &added, effort) {
-            let names: Vec<&str> = r.added.clone();
-            progress(&format!("{} refitted: cost {:.0} from {:.0}", names.join(" + "), r.fit.cost, bases.current.cost));
-            out.push(r);
-        }
+        out.extend(refit(problem, bases, &added, HEATS[0].effort()));
     }
-    // those that come near the best are brought to their minimum before they are compared
-    let best = out.iter().map(|r| r.fit.cost).fold(f64::INFINITY, f64::min);
-    if best > POOR * problem.targets() as f64 {
+    let before = bases.current.cost;
+    for heat in &HEATS[1..] {
         out.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
-        return out;
-    }
-    let near = best + 0.3 * (problem.cost(&bases.current.layout, &bases.current.point) - best).max(0.0);
-    for r in out.iter_mut().filter(|r| r.fit.cost <= near) {
-        let effort = Effort { iterations: 10, tolerance: 1e-6, ..Effort::default() };
-        if let Ok(fit) = crate::fit::fit(problem, &r.fit.layout, r.fit.point.clone(), effort) {
-            r.fit = fit;
+        let Some(best) = out.first().map(|r| r.fit.cost) else { break };
+        let gain = (before - best).max(0.0);
+        for (place, r) in out.iter_mut().enumerate() {
+            let keeps_up = before - r.fit.cost >= heat.share * gain && r.fit.cost <= heat.times * best;
+            if !r.fit.converged
+                && place < heat.most
+                && keeps_up
+                && let Ok(fit) = crate::fit::fit(problem, &r.fit.layout, r.fit.point.clone(), heat.effort())
+            {
+                r.fit = fit;
+            }
         }
     }
     out.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
+    for r in &out {
+        progress(&format!("{} refitted: cost {:.0} from {before:.0}", r.added.join(" + "), r.fit.cost));
+    }
     out
 }
 
-/// Brings a fit of the brief runs to the whole ones. More must not come out as worse: where the brief fit's point does, the
-/// current model's base with the effect's values leads instead.
-pub(super) fn on_the_whole(problem: &Problem, current: &Fit, brief: &Fit, effort: Effort) -> Option<Fit> {
-    let led = crate::fit::fit(problem, &brief.layout, brief.point.clone(), effort).ok();
-    if led.as_ref().is_some_and(|f| f.cost < current.cost) {
-        return led;
+/// A heat of [`refit_all`].
+struct Heat {
+    /// Runs in it who is among so many,
+    most: usize,
+    /// gains at least this share of what the best gains,
+    share: f64,
+    /// and leaves at most so many times what the best leaves.
+    times: f64,
+    iterations: usize,
+    tolerance: f64,
+}
+
+impl Heat {
+    fn effort(&self) -> Effort {
+        Effort { iterations: self.iterations, tolerance: self.tolerance, ..Effort::default() }
     }
-    let mut point = current.point.clone();
-    point.theta.extend_from_slice(&brief.point.theta[current.point.theta.len()..]);
-    let warm = crate::fit::fit(problem, &brief.layout, point, effort).ok();
-    led.into_iter().chain(warm).min_by(|a, b| a.cost.total_cmp(&b.cost))
+}
+
+/// A gross effect that is bent into place needs many steps, so a heat is generous in what it lets pass.
+const HEATS: [Heat; 4] = [
+    Heat { most: usize::MAX, share: 0.0, times: f64::INFINITY, iterations: 2, tolerance: 1e-5 },
+    Heat { most: 5, share: 0.4, times: 20.0, iterations: 4, tolerance: 1e-5 },
+    Heat { most: 4, share: 0.6, times: 5.0, iterations: 6, tolerance: 1e-5 },
+    Heat { most: 3, share: 0.85, times: 2.0, iterations: 25, tolerance: 1e-6 },
+];
+
+/// Brings a fit of the brief runs to the whole ones. More must not come out as worse than the current model: besides the brief
+/// fit's own point, the current model's base and that of the component experiments lead with the effect's values, and
+/// the one that promises most is brought to its minimum.
+pub(super) fn on_the_whole(problem: &Problem, current: &Fit, component: &[f64], brief: &Fit) -> Option<Fit> {
+    let added = &brief.point.theta[current.point.theta.len()..];
+    let from_current = Point {
+        theta: current.point.theta.iter().chain(added).copied().collect(),
+        initial: current.point.initial.clone(),
+    };
+    let mut from_component = from_current.clone();
+    from_component.theta[..component.len()].copy_from_slice(component);
+    from_component.initial.iter_mut().for_each(|values| values.fill(0.0));
+    let few = Effort { iterations: 3, tolerance: 1e-6, ..Effort::default() };
+    let led = crate::fit::fit(problem, &brief.layout, brief.point.clone(), few).ok()?;
+    let mut tried = vec![led];
+    if tried[0].cost > current.cost {
+        let more = [from_current, from_component];
+        tried.extend(more.into_iter().filter_map(|p| crate::fit::fit(problem, &brief.layout, p, few).ok()));
+        tried.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    }
+    let lead = tried.swap_remove(0);
+    let to_the_end = Effort { iterations: MOST_ITERATIONS, tolerance: 1e-6, ..Effort::default() };
+    let fit = crate::fit::fit(problem, &lead.layout, lead.point, to_the_end).ok()?;
+    tracing::debug!(cost = fit.cost, converged = fit.converged, current = current.cost, "on the whole runs");
+    (fit.cost < current.cost).then_some(fit)
+}
+
+/// The better of a gross misfit's two fits: as it is, and once more from the component experiments on, over longer and longer horizons,
+/// which have few false minima at first. What an effect gains must not be what another start would have gained without it.
+pub(super) fn nearer(problem: &Problem, horizons: &[&Problem], reference: &Fit, component: &[f64]) -> Fit {
+    let mut theta = component.to_vec();
+    let mut best = reference.clone();
+    for horizon in horizons {
+        let effort = Effort { iterations: 12, tolerance: 1e-4, ..Effort::default() };
+        let Ok(led) = crate::fit::fit(horizon, &reference.layout, horizon.point(theta), effort) else { return best };
+        theta = led.point.theta.clone();
+        if std::ptr::eq(*horizon, problem) && led.cost < best.cost {
+            tracing::info!(from = best.cost, to = led.cost, "the reference model was in a false minimum");
+            best = led;
+        }
+    }
+    best
+}
+
+/// A model fitted to the brief runs, from its fit to the whole ones on.
+pub(super) fn nested_on(brief: &Problem, fit: &Fit) -> Result<Fit, SimulationError> {
+    let effort = Effort { iterations: 12, tolerance: 1e-6, ..Effort::default() };
+    crate::fit::fit(brief, &fit.layout, fit.point.clone(), effort)
+}
+
+/// Candidates that were not refitted, and whose directions hold nearly all of what the best one does: linearly they look like it.
+pub(super) fn look_alikes(
+    round: &Round,
+    refits: &[Refit],
+    open: &[&'static dyn Effect],
+) -> Vec<Vec<&'static dyn Effect>> {
+    let Some(best) = refits.first() else { return Vec::new() };
+    let [id] = best.added[..] else { return Vec::new() };
+    let Some(&own) = round.of(id).first() else { return Vec::new() };
+    open.iter()
+        .copied()
+        .filter(|e| !refits.iter().any(|r| r.added.contains(&e.header().id)))
+        .filter(|e| {
+            let all = round.every(e.header().id);
+            let held = round.gram.share_held(own, &all);
+            tracing::debug!(best = id, other = e.header().id, held, "angle");
+            held > ALIKE
+        })
+        .map(|e| vec![e])
+        .collect()
 }
 
 /// The effect's sizes together are known to be other than zero, and none is pressed against a physical bound.
@@ -155,26 +240,20 @@ pub(super) fn where_they_differ(problem: &Problem, a: &Fit, b: &Fit) -> Result<S
     ))
 }
 
-/// The balance whose nameless terms explain most, refitted.
-pub(super) fn empirical(
-    brief: &Problem,
-    short: &Problem,
-    problem: &Problem,
-    identified: &Declared,
-    component: &[f64],
-    progress: &dyn Fn(&str),
-) -> Result<Option<(&'static dyn Effect, Fit)>, SimulationError> {
-    let ports = problem.plant.header().ports;
-    let terms = || EMPIRICAL.iter().filter(|e| e.header().ports.iter().all(|p| ports.contains(p)));
-    let round = Round::new(brief, identified.fit, terms().copied())?;
+/// The balance whose nameless terms explain most, refitted. `round`: of those terms at the reference model `nested`.
+pub(super) fn empirical(search: &Search, nested: &Fit, round: &Round) -> Result<Option<Fit>, SimulationError> {
+    let ports = search.problem.plant.header().ports;
+    let terms = EMPIRICAL.iter().filter(|e| e.header().ports.iter().all(|p| ports.contains(p)));
     let mut gains: Vec<(f64, &'static dyn Effect)> =
-        terms().map(|e| (round.gram.gain(&round.of(e.header().id)), *e)).collect();
+        terms.map(|e| (round.gram.gain(&round.of(e.header().id)), *e)).collect();
     gains.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let bases = Bases { current: identified.fit, component, short, gross: false };
-    let sets: Vec<Vec<&'static dyn Effect>> = gains.into_iter().take(3).map(|(_, e)| vec![e]).collect();
-    let Some(best) = refit_all(brief, &bases, &round, &sets, progress).into_iter().next() else { return Ok(None) };
+    tracing::debug!(?gains, "nameless terms");
+    let top = gains.first().map_or(0.0, |(g, _)| *g);
+    let bases = Bases { current: nested, component: search.component, short: &search.short, gross: false };
+    let worth = gains.into_iter().filter(|(g, _)| *g > 0.3 * top).take(3);
+    let sets: Vec<Vec<&'static dyn Effect>> = worth.map(|(_, e)| vec![e]).collect();
+    let refits = refit_all(&search.brief, &bases, round, &sets, search.progress);
+    let Some(best) = refits.into_iter().next() else { return Ok(None) };
     let effort = Effort { iterations: 8, tolerance: 1e-4, ..Effort::default() };
-    let Ok(fit) = crate::fit::fit(problem, &best.fit.layout, best.fit.point, effort) else { return Ok(None) };
-    let effect = fit.layout.effects[fit.layout.effects.len() - 1];
-    Ok(Some((effect, fit)))
+    Ok(crate::fit::fit(search.problem, &best.fit.layout, best.fit.point, effort).ok())
 }

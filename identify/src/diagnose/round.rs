@@ -36,6 +36,11 @@ impl<'a> Round<'a> {
         out
     }
 
+    /// Positions of all directions of an effect.
+    pub fn every(&self, id: &str) -> Vec<usize> {
+        (0..self.directions.len()).filter(|&i| self.directions[i].effect.header().id == id).collect()
+    }
+
     /// p-value of the largest statistic among the directions of these effects.
     pub fn p_value(&self, keep: impl Fn(&Direction) -> bool) -> f64 {
         let chosen: Vec<&Direction> = self.directions.iter().filter(|d| keep(d)).collect();
@@ -45,15 +50,8 @@ impl<'a> Round<'a> {
         p_of_largest(&evidence, &one_sided, 20)
     }
 
-    /// Sets of one effect out of `library`, and the best of two where two together explain far more than either, the best first.
-    pub fn shortlist(
-        &self,
-        library: &[&'static dyn Effect],
-        current: &[&'static str],
-        most: usize,
-    ) -> Vec<Vec<&'static dyn Effect>> {
-        let candidates: Vec<&'static dyn Effect> =
-            library.iter().copied().filter(|e| !current.contains(&e.header().id)).collect();
+    /// Sets of one effect out of `candidates`, and the best of two where two together explain far more than either, the best first.
+    pub fn shortlist(&self, candidates: &[&'static dyn Effect], most: usize) -> Vec<Vec<&'static dyn Effect>> {
         let mut singles: Vec<(f64, usize)> = candidates
             .iter()
             .enumerate()
@@ -66,7 +64,7 @@ impl<'a> Round<'a> {
             .iter()
             .take(most)
             .enumerate()
-            .filter(|(i, (g, _))| *i < 3 || *g > 0.1 * top)
+            .filter(|(i, (g, _))| *i < 3 || *g > 0.2 * top)
             .map(|(_, (_, n))| vec![candidates[*n]])
             .collect();
         // a gross misfit in a few clusters misleads the gain: the two that most clusters agree on are tried as well

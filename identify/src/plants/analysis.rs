@@ -236,8 +236,7 @@ fn keep_what_beats_surrogates(
         }
     }
     let residual = problem.residuals(&diagnosis.after.layout, &diagnosis.after.point)?;
-    let (clusters, _) = crate::score::clusters(problem);
-    diagnosis.parts_after = misfit::parts(problem, &residual, &clusters);
+    diagnosis.parts_after = misfit::parts(problem, &residual, &crate::colour::colours(problem, &residual));
     let total = misfit::total(&diagnosis.parts_before);
     if !diagnosis.effects.is_empty() && total > 0.0 {
         diagnosis.explained = 1.0 - misfit::total(&diagnosis.parts_after) / total;

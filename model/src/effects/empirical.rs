@@ -223,8 +223,8 @@ impl Law for EmpiricalSensor {
         id: "empirical_sensor",
         balance: Balance::Sensor,
         ports: &[PortKind::Sensor],
-        summary: "zero, gain, drift and lag of the sensors",
-        equation: "shown += sum of c_i * term_i",
+        summary: "zero, gain, bend, drift and lag of the sensors",
+        equation: "shown += sum of c_i * term_i; angle in units of 40 deg, pressure about 2.5 bar where it is bent",
         validity: VALIDITY,
         measure: MEASURE,
         literature: "",
@@ -239,19 +239,27 @@ impl Law for EmpiricalSensor {
             term("pressure2_drift", "bar", 0.02),
             term("pressure1_past", "1", 0.05),
             term("pressure2_past", "1", 0.05),
+            term("angle_square", "deg", 0.05),
+            term("angle_cubic", "deg", 0.05),
+            term("pressure1_square", "1/bar", 0.005),
+            term("pressure2_square", "1/bar", 0.005),
         ],
         states: 2,
         starts: &[
-            &[0.05, 0., 0., 0., 0., 0., 0., 0., 0., 0.],
-            &[0., 0.002, 0., 0., 0., 0., 0., 0., 0., 0.],
-            &[0., 0., 0.02, 0., 0., 0., 0., 0., 0., 0.],
-            &[0., 0., 0., 0.02, 0., 0., 0., 0., 0., 0.],
-            &[0., 0., 0., 0., 0.005, 0., 0., 0., 0., 0.],
-            &[0., 0., 0., 0., 0., 0.005, 0., 0., 0., 0.],
-            &[0., 0., 0., 0., 0., 0., 0.02, 0., 0., 0.],
-            &[0., 0., 0., 0., 0., 0., 0., 0.02, 0., 0.],
-            &[0., 0., 0., 0., 0., 0., 0., 0., 0.05, 0.],
-            &[0., 0., 0., 0., 0., 0., 0., 0., 0., 0.05],
+            &[0.05, 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0.],
+            &[0., 0.002, 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0.],
+            &[0., 0., 0.02, 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0.],
+            &[0., 0., 0., 0.02, 0., 0., 0., 0., 0., 0., 0., 0., 0., 0.],
+            &[0., 0., 0., 0., 0.005, 0., 0., 0., 0., 0., 0., 0., 0., 0.],
+            &[0., 0., 0., 0., 0., 0.005, 0., 0., 0., 0., 0., 0., 0., 0.],
+            &[0., 0., 0., 0., 0., 0., 0.02, 0., 0., 0., 0., 0., 0., 0.],
+            &[0., 0., 0., 0., 0., 0., 0., 0.02, 0., 0., 0., 0., 0., 0.],
+            &[0., 0., 0., 0., 0., 0., 0., 0., 0.05, 0., 0., 0., 0., 0.],
+            &[0., 0., 0., 0., 0., 0., 0., 0., 0., 0.05, 0., 0., 0., 0.],
+            &[0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0.05, 0., 0., 0.],
+            &[0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0.05, 0., 0.],
+            &[0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0.005, 0.],
+            &[0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0.005],
         ],
         passive: false,
     };
@@ -261,10 +269,16 @@ impl Law for EmpiricalSensor {
             for i in 0..2 {
                 let p = s.pressure_bar[i];
                 dx[i] = (p - x[i]) / 0.02;
-                s.pressure_bar[i] =
-                    p + k[2 + i] + k[4 + i] * (p - 2.5) + k[6 + i] * grown(s.time_s) + k[8 + i] * (x[i] - p);
+                let from_middle = p - 2.5;
+                s.pressure_bar[i] = p
+                    + k[2 + i]
+                    + k[4 + i] * from_middle
+                    + k[12 + i] * from_middle * from_middle
+                    + k[6 + i] * grown(s.time_s)
+                    + k[8 + i] * (x[i] - p);
             }
-            s.angle_deg = s.angle_deg + k[0] + k[1] * s.angle_deg;
+            let a = s.angle_deg / 40.0;
+            s.angle_deg = s.angle_deg + k[0] + k[1] * s.angle_deg + (k[10] + k[11] * a) * a * a;
         }
     }
 

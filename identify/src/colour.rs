@@ -1,0 +1,190 @@
+//! Colour of the sensors' noise, from the residual that every stretch of a free lever has alike, whether it moves or not.
+//!
+//! Windows of somewhat more than half a second are freed of their parabola, which takes out what is slow, and those of middling
+//! size count, which leaves out what a wrong model does after each step of the input. The autocovariance of what is left
+//! is the sensors' own: their filters, their converters' steps. It is corrected for what the parabola took.
+
+use std::sync::LazyLock;
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::prepare::{Channel, Stand};
+use crate::problem::Problem;
+
+/// Targets in a window.
+const WINDOW: usize = 64;
+/// Longest lag that is looked at, targets. Filters of sensors that a rig is controlled by forget within a quarter of a second.
+const LAGS: usize = 24;
+/// Fewer windows than this say nothing.
+const FEWEST: usize = 12;
+/// Noise counts as forgotten where its correlation has fallen to this share.
+const FORGOTTEN: f64 = 0.05;
+
+/// Autocovariance of one channel's noise.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Colour {
+    /// By lag in targets, from 0 on, in units of the variance that white noise of the estimated size would have.
+    pub covariance: Vec<f64>,
+}
+
+impl Colour {
+    /// White noise of the estimated size.
+    pub fn white() -> Self {
+        Colour { covariance: vec![1.0] }
+    }
+
+    /// At a lag.
+    pub fn at(&self, lag: usize) -> f64 {
+        self.covariance.get(lag).copied().unwrap_or(0.0)
+    }
+
+    /// The first lag at which the noise has forgotten itself, at least 1.
+    pub fn forgotten(&self) -> usize {
+        (1..self.covariance.len())
+            .find(|&k| self.at(k) <= FORGOTTEN * self.at(0))
+            .unwrap_or(self.covariance.len().max(1))
+    }
+
+    /// Standard deviation of one product of neighbours `lag` apart in a sum of many: the square root of Bartlett's sum.
+    pub fn spread(&self, lag: usize) -> f64 {
+        let reach = (self.covariance.len() + lag) as isize;
+        let at = |k: isize| self.at(k.unsigned_abs());
+        let sum: f64 = (-reach..=reach).map(|k| at(k) * at(k) + at(k + lag as isize) * at(k - lag as isize)).sum();
+        sum.max(self.at(0) * self.at(0)).sqrt()
+    }
+}
+
+/// By [`Channel`]: the noise's colour as these residuals show it where the lever is free.
+pub fn colours(problem: &Problem, residuals: &[Vec<f64>]) -> Vec<Colour> {
+    let of = |channel: Channel| {
+        let mut windows: Vec<Vec<f64>> = Vec::new();
+        for (s, r) in problem.stretches.iter().zip(residuals).filter(|(s, _)| s.stand == Stand::Free) {
+            let series: Vec<f64> =
+                s.targets.iter().zip(r).filter(|(t, _)| t.channel == channel).map(|(_, r)| *r).collect();
+            windows.extend(series.chunks_exact(WINDOW).map(products));
+        }
+        of_windows(windows)
+    };
+    problem.channels().map(of).collect()
+}
+
+fn of_windows(mut windows: Vec<Vec<f64>>) -> Colour {
+    windows.retain(|w| w.iter().all(|v| v.is_finite()));
+    if windows.len() < FEWEST {
+        return Colour::white();
+    }
+    windows.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let windows = &windows[windows.len() * 3 / 10..(windows.len() * 6).div_ceil(10)];
+    let count = windows.len() as f64;
+    let seen = DVector::from_fn(LAGS + 1, |k, _| windows.iter().map(|w| w[k]).sum::<f64>() / count);
+    let Some(found) = SHARE.clone().lu().solve(&seen) else { return Colour::white() };
+    // where there is hardly any noise, steps of the sensor are all that it shows
+    if found[0] < 0.05 || !found.iter().all(|v| v.is_finite()) {
+        return Colour::white();
+    }
+    let mut covariance: Vec<f64> = found.iter().copied().collect();
+    let mut out = Colour { covariance: covariance.clone() };
+    // behind the lag at which it is forgotten there is nothing but chance
+    covariance.truncate(out.forgotten() + 1);
+    out.covariance = covariance;
+    out
+}
+
+/// Mean products by lag of a window freed of its parabola.
+fn products(window: &[f64]) -> Vec<f64> {
+    let left = &*FREED * DVector::from_column_slice(window);
+    (0..=LAGS).map(|k| (k..WINDOW).map(|t| left[t] * left[t - k]).sum::<f64>() / (WINDOW - k) as f64).collect()
+}
+
+/// Takes a window's parabola off.
+static FREED: LazyLock<DMatrix<f64>> = LazyLock::new(|| {
+    let at = |t: usize| 2.0 * t as f64 / (WINDOW - 1) as f64 - 1.0;
+    let basis = DMatrix::from_fn(WINDOW, 3, |t, j| at(t).powi(j as i32));
+    let q = basis.qr().q();
+    DMatrix::identity(WINDOW, WINDOW) - &q * q.transpose()
+});
+
+/// What the products by lag are on average for noise whose covariance is 1 at one lag and 0 at the others.
+static SHARE: LazyLock<DMatrix<f64>> = LazyLock::new(|| {
+    let mut share = DMatrix::zeros(LAGS + 1, LAGS + 1);
+    for j in 0..=LAGS {
+        let own = DMatrix::from_fn(WINDOW, WINDOW, |a, b| if a.abs_diff(b) == j { 1.0 } else { 0.0 });
+        let left = &*FREED * own * &*FREED;
+        for k in 0..=LAGS {
+            share[(k, j)] = (k..WINDOW).map(|t| left[(t, t - k)]).sum::<f64>() / (WINDOW - k) as f64;
+        }
+    }
+    share
+});
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// First-order noise of variance 1 that keeps this share of itself from one target to the next.
+    fn noise(kept: f64, count: usize, seed: u64) -> Vec<f64> {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let mut last = 0.0;
+        let fresh = (1.0 - kept * kept).sqrt();
+        (0..count)
+            .map(|_| {
+                let z: f64 = StandardNormal.sample(&mut rng);
+                last = kept * last + fresh * z;
+                last
+            })
+            .collect()
+    }
+
+    fn colour_of(series: &[f64]) -> Colour {
+        of_windows(series.chunks_exact(WINDOW).map(products).collect())
+    }
+
+    #[test]
+    fn colour_is_found_beside_a_slow_motion_and_jumps() {
+        for kept in [0.0f64, 0.4, 0.7] {
+            let mut series = noise(kept, 40_000, 5);
+            for (t, v) in series.iter_mut().enumerate() {
+                // a misfit: slow, and a decaying peak of a quarter of a second every four seconds
+                *v += 3.0 * (t as f64 * 0.004).sin() + 8.0 * (-((t % 400) as f64) / 12.0).exp();
+            }
+            let c = colour_of(&series);
+            assert!((c.at(0) - 1.0).abs() < 0.25, "{kept}: {c:?}");
+            for k in 1..c.forgotten() {
+                assert!((c.at(k) / c.at(0) - kept.powi(k as i32)).abs() < 0.06, "{kept}, lag {k}: {c:?}");
+            }
+            let expected = if kept > 0.0 { (0.05f64.ln() / kept.ln()).ceil() as usize } else { 1 };
+            assert!(
+                (expected.saturating_sub(1)..=expected + 4).contains(&c.forgotten()),
+                "{kept}: {} for {expected}",
+                c.forgotten()
+            );
+        }
+    }
+
+    #[test]
+    fn the_spread_is_that_of_sums_of_products() {
+        for kept in [0.0f64, 0.6] {
+            let series = noise(kept, 400_000, 9);
+            let c = colour_of(&series);
+            let lag = c.forgotten();
+            let sums: Vec<f64> = series
+                .chunks_exact(2000)
+                .map(|s| {
+                    (lag..s.len()).map(|t| s[t] * s[t - lag] - kept.powi(lag as i32)).sum::<f64>()
+                        / (2000.0f64 - lag as f64).sqrt()
+                })
+                .collect();
+            let seen = (sums.iter().map(|s| s * s).sum::<f64>() / sums.len() as f64).sqrt();
+            assert!((c.spread(lag) / seen - 1.0).abs() < 0.2, "{kept}: {} for {seen}", c.spread(lag));
+        }
+    }
+
+    #[test]
+    fn without_noise_it_is_white() {
+        assert_eq!(colour_of(&vec![0.0; 4000]), Colour::white());
+        assert_eq!(colour_of(&[1.0; 100]), Colour::white());
+    }
+}

@@ -1,0 +1,184 @@
+//! From what was found to the verdict.
+
+use model::effects::Balance;
+use model::effects::empirical::EMPIRICAL;
+use model::integrate::SimulationError;
+
+use super::compare::empirical;
+use super::round::Round;
+use super::search::{Found, Name, Search, Step};
+use super::{
+    Added, CLEAR, CONSISTENT, DISAGREE, Diagnosis, EXPLAINED, LEVEL, MATERIAL, PREFERRED, SUBSTANTIAL, Verdict,
+};
+use crate::fit::Fit;
+use crate::misfit::{self, Part};
+use crate::refit::advantage;
+use crate::simplify::simplify;
+use crate::uncertainty::Uncertainty;
+
+impl Search<'_> {
+    /// What a step leaves, as the data that were left out of its fit show it.
+    fn left(&self, found: &Found, step: &Step) -> Vec<Part> {
+        misfit::parts(self.problem, &step.held_out, &found.colours)
+    }
+
+    /// The names of a step are the explanation.
+    ///
+    /// Either what they leave is noise. Or the last of them explains the overwhelming share of what was there before it, does
+    /// a substantial part of the whole, and every run asks for the same size of it: then the rest is a matter of its
+    /// form. Names that each explain part of a misfit which stays are none.
+    pub fn explains(&self, found: &Found, number: usize) -> bool {
+        let step = &found.steps[number];
+        let total = |n: usize| misfit::total(&self.left(found, &found.steps[n]));
+        let left = misfit::largest(&self.left(found, step));
+        let (first, before, after) = (total(0), total(number - 1), total(number));
+        let share = if before > 0.0 { 1.0 - after / before } else { 1.0 };
+        let of_whole = if first > 0.0 { (before - after) / first } else { 1.0 };
+        let names: Vec<&str> = step.names.iter().map(|n| n.effect.header().id).collect();
+        tracing::info!(?names, left, share, of_whole, step.disagreement, "what the names leave");
+        let substantial = number == 1 || of_whole >= SUBSTANTIAL;
+        substantial && (left < CONSISTENT || (share >= EXPLAINED && step.disagreement <= DISAGREE))
+    }
+
+    /// The verdict.
+    pub fn conclude(&self, mut found: Found, first: &Round) -> Result<Diagnosis, SimulationError> {
+        let before = found.steps[0].clone();
+        let largest = misfit::largest(&found.parts(self.problem, &before));
+        let chosen = (1..found.steps.len()).rev().find(|&n| self.explains(&found, n));
+        let nameless = match chosen {
+            Some(n) => {
+                // names whose form leaves much must do better than terms without a name
+                let left = self.left(&found, &found.steps[n]);
+                if misfit::largest(&left) < CONSISTENT {
+                    None
+                } else {
+                    self.nameless(&mut found, true)?.filter(|step| {
+                        misfit::total(&self.left(&found, step))
+                            < NAMELESS * misfit::total(&self.left(&found, &found.steps[n]))
+                    })
+                }
+            }
+            None if largest >= MATERIAL => {
+                let certain = found.steps.len() > 1 || largest > CLEAR;
+                self.nameless(&mut found, certain)?
+            }
+            None => None,
+        };
+        let (verdict, step, names) = match (nameless, chosen) {
+            (Some(step), _) => {
+                let carried = step.fit.layout.effects.last().copied();
+                let name = |effect| Name { effect, probability: 1.0, equivalent: Vec::new() };
+                let names = carried.map(name).into_iter().collect();
+                (Verdict::Unrecognised, step, names)
+            }
+            (None, Some(n)) => {
+                let mut step = found.steps[n].clone();
+                step.fit = simplify(self.problem, step.fit)?;
+                step.residual = self.problem.residuals(&step.fit.layout, &step.fit.point)?;
+                let tie = found.steps[1..=n].iter().any(|s| s.next_experiment.is_some());
+                let names = step.names.clone();
+                (if tie { Verdict::Ambiguous } else { Verdict::Attributed }, step, names)
+            }
+            (None, None) => (Verdict::None, before.clone(), Vec::new()),
+        };
+        let next_experiment = match chosen {
+            Some(n) if verdict == Verdict::Ambiguous => {
+                found.steps[1..=n].iter().rev().find_map(|s| s.next_experiment.clone())
+            }
+            _ => None,
+        };
+        let effects = self.added(&step.fit, &names)?;
+        let balances = if effects.is_empty() {
+            balance_p_values(first, first, &effects)
+        } else {
+            let nested = self.nested(&step.fit)?;
+            let open = self.open(&nested);
+            let last = Round::new(&self.brief, &nested, open.into_iter())?;
+            balance_p_values(first, &last, &effects)
+        };
+        let (parts_before, parts_after) = (found.parts(self.problem, &before), found.parts(self.problem, &step));
+        Ok(Diagnosis {
+            verdict,
+            effects,
+            ranking: std::mem::take(&mut found.ranking),
+            balances,
+            explained: if verdict == Verdict::None { 1.0 } else { explained_share(&parts_before, &parts_after) },
+            after: step.fit,
+            parts_before,
+            parts_after,
+            next_experiment,
+        })
+    }
+
+    /// The nameless term of the balance that explains most, where there is something to explain. `certain`: there is, whether a
+    /// term explains it or not. Otherwise the terms' score test, its size, and the data that were left out must agree.
+    fn nameless(&self, found: &mut Found, certain: bool) -> Result<Option<Step>, SimulationError> {
+        let reference = found.steps[0].clone();
+        let nested = self.nested(&reference.fit)?;
+        let round = Round::new(&self.brief, &nested, EMPIRICAL.iter().copied())?;
+        let p = round.p_value(|_| true);
+        tracing::info!(p, certain, "nameless terms");
+        if p > LEVEL && !certain {
+            return Ok(None);
+        }
+        let Some(fit) = empirical(self, &nested, &round)? else { return Ok(None) };
+        let step = self.step(fit, Vec::new(), None)?;
+        found.learn(self.problem, &step.residual);
+        let before = self.left(found, &reference);
+        let after = self.left(found, &step);
+        let share = explained_share(&before, &after);
+        let (held, better) = advantage(&reference.held_out, &step.held_out, &self.clusters, self.count);
+        tracing::info!(term = ?step.fit.layout.effects, share, held, better, "nameless term");
+        let convincing = held > 0.0 && better > PREFERRED && share > 0.0;
+        Ok((certain || convincing).then_some(step))
+    }
+
+    /// What a fit carries, with values and standard errors.
+    fn added(&self, fit: &Fit, names: &[Name]) -> Result<Vec<Added>, SimulationError> {
+        if names.is_empty() {
+            return Ok(Vec::new());
+        }
+        let uncertainty = Uncertainty::of(self.problem, fit)?;
+        Ok(names
+            .iter()
+            .map(|name| {
+                let header = name.effect.header();
+                let n = fit.layout.effects.iter().position(|e| e.header().id == header.id);
+                let entries = n.map_or(0..0, |n| {
+                    let first = fit.layout.first_of(n);
+                    first..first + header.parameters.len()
+                });
+                Added {
+                    effect: name.effect,
+                    probability: name.probability,
+                    equivalent: name.equivalent.clone(),
+                    values: fit.point.theta[entries.clone()].to_vec(),
+                    std: entries.map(|i| uncertainty.of_entry(i)).collect(),
+                }
+            })
+            .collect())
+    }
+}
+
+/// Terms without a name are preferred to names that leave more than noise where they leave less than this share of what the names
+/// leave.
+const NAMELESS: f64 = 0.5;
+
+/// 1 - structured residual after / before, over the parts that decide.
+fn explained_share(before: &[Part], after: &[Part]) -> f64 {
+    let total = misfit::total(before);
+    if total > 0.0 { 1.0 - misfit::total(after) / total } else { 1.0 }
+}
+
+/// p-value by balance: of a balance in which something was added, under the declared model; of the others, with that added,
+/// so that one effect does not light up every balance.
+fn balance_p_values(first: &Round, last: &Round, added: &[Added]) -> Vec<(Balance, f64)> {
+    Balance::ALL
+        .into_iter()
+        .map(|b| {
+            let own = added.iter().any(|a| a.effect.header().balance == b);
+            let round = if own { first } else { last };
+            (b, round.p_value(|d| d.effect.header().balance == b))
+        })
+        .collect()
+}

@@ -1,0 +1,210 @@
+//! The rounds of a diagnosis: which effect is added to the current model.
+
+use model::effects::Effect;
+use model::integrate::SimulationError;
+
+use super::compare::{
+    is_sound, look_alikes, nearer, nested_on, on_the_whole, rank, refit_all, rivals, where_they_differ,
+};
+use super::holdout::HoldOut;
+use super::round::Round;
+use super::{BRIEF_S, CLEAR, Declared, GROSS, LEVEL, MATERIAL, PREFERRED, Ranked, SHORT_S};
+use crate::colour::{Colour, colours};
+use crate::fit::Fit;
+use crate::identification::covariance_of;
+use crate::misfit::{self, Part};
+use crate::problem::Problem;
+use crate::refit::{Bases, Refit, advantage};
+
+/// What stays the same throughout.
+pub(super) struct Search<'a> {
+    pub library: &'a [&'static dyn Effect],
+    pub problem: &'a Problem,
+    /// The declared model, fitted.
+    pub reference: Fit,
+    /// The first seconds of each run with a free lever.
+    pub brief: Problem,
+    pub short: Problem,
+    /// Base values that no effect has bent: another start for a gross one.
+    pub component: &'a [f64],
+    pub clusters: Vec<Vec<usize>>,
+    pub count: usize,
+    pub progress: &'a dyn Fn(&str),
+}
+
+/// An effect that was added.
+#[derive(Clone)]
+pub(super) struct Name {
+    pub effect: &'static dyn Effect,
+    /// Among the candidates of its round.
+    pub probability: f64,
+    /// Sets of ids that explain the data as well.
+    pub equivalent: Vec<String>,
+}
+
+/// A model with what was added, fitted to the whole.
+#[derive(Clone)]
+pub(super) struct Step {
+    pub fit: Fit,
+    pub names: Vec<Name>,
+    pub residual: Vec<Vec<f64>>,
+    /// Residuals of folds that were left out.
+    pub held_out: Vec<Vec<f64>>,
+    /// The run that would tell what was added last from its rivals, where there are any.
+    pub next_experiment: Option<String>,
+    /// Part of what the effects do that sits in runs which ask for other sizes: the largest of all.
+    pub disagreement: f64,
+}
+
+/// What was found so far.
+pub(super) struct Found {
+    /// The reference model, then with one effect, then with two.
+    pub steps: Vec<Step>,
+    /// Candidates of the first round.
+    pub ranking: Vec<Ranked>,
+    /// The noise: by channel, as the fit that leaves least shows it.
+    pub colours: Vec<Colour>,
+}
+
+impl Found {
+    pub fn last(&self) -> &Step {
+        self.steps.last().unwrap_or_else(|| unreachable!("the reference model is a step"))
+    }
+
+    pub fn parts(&self, problem: &Problem, step: &Step) -> Vec<Part> {
+        misfit::parts(problem, &step.residual, &self.colours)
+    }
+
+    /// Takes the noise of a better fit.
+    pub fn learn(&mut self, problem: &Problem, residual: &[Vec<f64>]) {
+        for (own, other) in self.colours.iter_mut().zip(colours(problem, residual)) {
+            if other.at(0) < own.at(0) {
+                *own = other;
+            }
+        }
+    }
+}
+
+impl<'a> Search<'a> {
+    pub fn new(
+        library: &'a [&'static dyn Effect],
+        &Declared { problem, fit: reference, component }: &Declared<'a>,
+        progress: &'a dyn Fn(&str),
+    ) -> Self {
+        let (clusters, count) = crate::score::clusters(problem);
+        let (short, brief) = (problem.shortened(SHORT_S), problem.shortened(BRIEF_S));
+        let reference = if reference.cost > FAR * problem.targets() as f64 {
+            nearer(problem, &[&short, &brief, problem], reference, component)
+        } else {
+            reference.clone()
+        };
+        Search { library, problem, reference, short, brief, component, clusters, count, progress }
+    }
+
+    /// The reference model alone.
+    pub fn start(&self) -> Result<Found, SimulationError> {
+        let fit = self.reference.clone();
+        let residual = self.problem.residuals(&fit.layout, &fit.point)?;
+        let colours = colours(self.problem, &residual);
+        let held_out = HoldOut::of(self.problem, &fit, &self.clusters)?.residuals();
+        let step = Step { fit, names: Vec::new(), residual, held_out, next_experiment: None, disagreement: 0.0 };
+        Ok(Found { steps: vec![step], ranking: Vec::new(), colours })
+    }
+
+    /// A fitted model as a step, with what it is worth on data that were left out.
+    pub fn step(&self, fit: Fit, names: Vec<Name>, next_experiment: Option<String>) -> Result<Step, SimulationError> {
+        let residual = self.problem.residuals(&fit.layout, &fit.point)?;
+        let hold_out = HoldOut::of(self.problem, &fit, &self.clusters)?;
+        let disagreement = (0..fit.layout.effects.len())
+            .map(|n| {
+                let first = fit.layout.first_of(n);
+                let own = fit.layout.effects[n].header().parameters.iter().enumerate().filter(|(_, p)| p.size);
+                let sizes: Vec<(usize, f64)> = own.map(|(i, _)| (first + i, fit.point.theta[first + i])).collect();
+                hold_out.disagreement(&sizes, &self.clusters)
+            })
+            .fold(0.0, f64::max);
+        Ok(Step { held_out: hold_out.residuals(), fit, names, residual, next_experiment, disagreement })
+    }
+
+    /// Effects that a model does not carry.
+    pub fn open(&self, fit: &Fit) -> Vec<&'static dyn Effect> {
+        let ids: Vec<&str> = fit.layout.effects.iter().map(|e| e.header().id).collect();
+        self.library.iter().copied().filter(|e| !ids.contains(&e.header().id)).collect()
+    }
+
+    /// The current model fitted to the brief runs: what candidates are scored against and refitted from.
+    pub fn nested(&self, current: &Fit) -> Result<Fit, SimulationError> {
+        nested_on(&self.brief, current)
+    }
+
+    /// Adds the best candidate of a round to the last step; `None` where no judge or not every judge is convinced.
+    pub fn round(&self, found: &mut Found, nested: &Fit, round: &Round) -> Result<Option<Step>, SimulationError> {
+        let last = found.last().clone();
+        let parts = found.parts(self.problem, &last);
+        let largest = misfit::largest(&parts);
+        let p = round.p_value(|_| true);
+        if p > LEVEL && largest < CLEAR {
+            tracing::info!(p, largest, "no candidate is significant");
+            return Ok(None);
+        }
+        let open = self.open(&last.fit);
+        let gross = largest > GROSS;
+        let bases = Bases { current: nested, component: self.component, short: &self.short, gross };
+        let shortlist = round.shortlist(&open, if gross { 6 } else { 5 });
+        let mut refits = refit_all(&self.brief, &bases, round, &shortlist, self.progress);
+        // what looks like the best one must be refitted too before that is named
+        let alike = look_alikes(round, &refits, &open);
+        if !alike.is_empty() {
+            refits.extend(refit_all(&self.brief, &bases, round, &alike, self.progress));
+            refits.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
+        }
+        let Some(best) = refits.first() else { return Ok(None) };
+        let ranked = rank(&self.brief, &refits)?;
+        if found.ranking.is_empty() {
+            found.ranking = ranked.clone();
+        }
+        let Some(fit) = on_the_whole(self.problem, &last.fit, self.component, &best.fit) else { return Ok(None) };
+        let rivals = rivals(&self.brief, &refits, nested.cost)?;
+        let next_experiment = match rivals.first() {
+            Some(rival) => Some(where_they_differ(&self.brief, &best.fit, &rival.fit)?),
+            None => None,
+        };
+        let mut names = last.names.clone();
+        names.extend(fit.layout.effects.iter().filter(|e| best.added.contains(&e.header().id)).map(|e| Name {
+            effect: *e,
+            probability: ranked.iter().find(|r| r.id == best.added.join("+")).map_or(0.0, |r| r.probability),
+            equivalent: rivals.iter().map(|r| r.added.join("+")).collect(),
+        }));
+        let step = self.step(fit, names, next_experiment)?;
+        found.learn(self.problem, &step.residual);
+        let accepted = self.accepts(found, &last, &step, best)?;
+        if accepted {
+            (self.progress)(&format!("added {}", best.added.join(" and ")));
+        }
+        Ok(accepted.then_some(step))
+    }
+
+    /// Every judge agrees: the fit is better where it was fitted and where it was not, by more than noise matters, and what
+    /// was added is physical and known to be other than zero.
+    fn accepts(&self, found: &Found, last: &Step, step: &Step, best: &Refit) -> Result<bool, SimulationError> {
+        let before = misfit::total(&found.parts(self.problem, last));
+        let removed = (before - misfit::total(&found.parts(self.problem, step))).max(0.0).sqrt();
+        let (_, better) = advantage(&last.residual, &step.residual, &self.clusters, self.count);
+        let (held, held_better) = advantage(&last.held_out, &step.held_out, &self.clusters, self.count);
+        let covariance = covariance_of(self.problem, &step.fit)?;
+        let position = |id: &str| step.fit.layout.effects.iter().position(|e| e.header().id == id);
+        let sound = best.added.iter().all(|id| position(id).is_some_and(|n| is_sound(&step.fit, &covariance, n)));
+        let disagreement = step.disagreement;
+        tracing::info!(
+            names = ?best.added, better, held, held_better, removed, sound, disagreement, cost = step.fit.cost,
+            "best candidate"
+        );
+        let preferred = better.max(held_better) >= PREFERRED && held > 0.0 && held_better >= HELD;
+        Ok(preferred && removed >= MATERIAL && sound)
+    }
+}
+
+/// Cost a target (noise alone: 1) from which the reference model's fit may be a false minimum.
+const FAR: f64 = 10.0;
+/// Standard errors (by clusters) by which data that were left out must be predicted better.
+const HELD: f64 = 2.0;
