@@ -32,6 +32,8 @@ pub struct Direction {
     pub effect: &'static dyn Effect,
     /// The parameters at which the secant was taken.
     pub start: Vec<f64>,
+    /// The secant as it is: what the surrogates are drawn of, so that they pass the same projection.
+    pub raw: Vec<Vec<f64>>,
     /// The secant, orthogonal to everything fitted, stretch by stretch.
     pub secant: Vec<Vec<f64>>,
     /// secant . secant
@@ -127,12 +129,12 @@ impl<'a> Scene<'a> {
 
     /// A direction along a given change of the predictions (in standard errors, target by target), orthogonal to everything
     /// that is fitted; `None` where nothing is left of it.
-    pub fn along(&self, effect: &'static dyn Effect, start: &[f64], secant: Vec<Vec<f64>>) -> Option<Direction> {
-        let secant = self.orthogonal(secant);
+    pub fn along(&self, effect: &'static dyn Effect, start: &[f64], raw: Vec<Vec<f64>>) -> Option<Direction> {
+        let secant = self.orthogonal(raw.clone());
         let square = dot(&secant, &secant);
         let with_residual = dot(&secant, &self.residual);
         let start = start.to_vec();
-        (square.is_finite() && square > 1e-6).then_some(Direction { effect, start, secant, square, with_residual })
+        (square.is_finite() && square > 1e-6).then_some(Direction { effect, start, raw, secant, square, with_residual })
     }
 
     /// By how much the start of a direction has to be scaled to explain the residual best, and the standard error of that: the

@@ -55,7 +55,7 @@ impl Spectrum {
 }
 
 /// Share of a direction's power that the means of its stretches hold.
-fn constant_share(d: &Direction) -> f64 {
+pub fn constant_share(d: &Direction) -> f64 {
     let held: f64 = d.secant.iter().map(|s| s.iter().sum::<f64>().powi(2) / s.len().max(1) as f64).sum();
     held / d.square
 }
@@ -77,7 +77,7 @@ pub fn p_of_selected(scene: &Scene, tested: &Direction, candidates: &[&Direction
     let spectra: Vec<(&Direction, Vec<Spectrum>)> = candidates
         .iter()
         .filter(|d| constant_share(d) <= CONSTANT)
-        .map(|d| (*d, d.secant.iter().map(|s| Spectrum::of(s)).collect()))
+        .map(|d| (*d, d.raw.iter().map(|s| Spectrum::of(s)).collect()))
         .collect();
     let observed = gain(tested);
     let exceeded: u64 = (0..DRAWS)

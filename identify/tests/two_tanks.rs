@@ -148,7 +148,7 @@ fn the_leak_of_a_tank_is_found_without_touching_the_engine() {
     for s in &result.scored {
         let (before, after) = (s.before.unwrap().rmse, s.after.unwrap().rmse);
         assert!(
-            before > 1.5 * NOISE_BAR && after < 1.2 * NOISE_BAR,
+            before > 1.2 * NOISE_BAR && after < 1.1 * NOISE_BAR,
             "{}: {before} before, {after} after",
             s.channel.name
         );

@@ -1,5 +1,5 @@
-//! Offers placebo terms on the residuals of a measured plant: phase-randomised surrogates of what the library's effects do. None of
-//! them is there, so no more than the level may be accepted.
+//! Offers placebo terms on the residuals of a measured plant: phase-randomised surrogates of what the library's effects do, about their
+//! mean. None of them is there, so no more than the level may be accepted.
 //!
 //! ```text
 //! cargo run --release -p benchmarks --bin placebo -- --data train.csv.gz [--plant emps] [--terms 300]
@@ -13,7 +13,7 @@ use identify::plants::{Table, find};
 use identify::problem::Problem;
 use identify::score::{Direction, Scene};
 use identify::significance::p_of_largest;
-use identify::surrogate::{Spectrum, p_of_selected};
+use identify::surrogate::{Spectrum, constant_share, p_of_selected};
 use model::effects::Effect;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -73,6 +73,13 @@ fn run(args: &[String]) -> Result<bool, Box<dyn Error>> {
     Ok(kept)
 }
 
+/// A series less its mean.
+fn about_mean(mut series: Vec<f64>) -> Vec<f64> {
+    let mean = series.iter().sum::<f64>() / series.len().max(1) as f64;
+    series.iter_mut().for_each(|v| *v -= mean);
+    series
+}
+
 /// Accepted placebo terms.
 #[derive(Default)]
 struct Counted {
@@ -94,23 +101,21 @@ fn offer(
 ) -> Result<Counted, Box<dyn Error>> {
     let scene = Scene::new(problem, fit)?;
     // a constant has no phases: it would be offered as itself
-    let moves = |d: &Direction| {
-        let held: f64 = d.secant.iter().map(|s| s.iter().sum::<f64>().powi(2) / s.len() as f64).sum();
-        held < 0.5 * d.square
-    };
+    let moves = |d: &Direction| constant_share(d) < 0.5;
     let candidates: Vec<Direction> = library.iter().flat_map(|e| scene.directions(*e)).filter(moves).collect();
     if candidates.is_empty() {
         return Err("expected effects that change over time in the plant's library, got none".into());
     }
     let spectra: Vec<Vec<Spectrum>> =
-        candidates.iter().map(|d| d.secant.iter().map(|s| Spectrum::of(s)).collect()).collect();
+        candidates.iter().map(|d| d.raw.iter().map(|s| Spectrum::of(s)).collect()).collect();
     let mut rng = ChaCha8Rng::seed_from_u64(300);
     let mut out = Counted { terms, ..Counted::default() };
     let square: f64 = scene.residual.iter().flatten().map(|r| r * r).sum();
     let samples = problem.targets() as f64;
     for n in 0..terms {
         let from = n % candidates.len();
-        let secant = spectra[from].iter().map(|s| s.surrogate(&mut rng)).collect();
+        // a mean is no placebo: a constant force is an effect of the library, and one that may be there
+        let secant = spectra[from].iter().map(|s| about_mean(s.surrogate(&mut rng))).collect();
         let Some(d) = scene.along(candidates[from].effect, &candidates[from].start, secant) else { continue };
         out.accepted += usize::from(p_of_selected(&scene, &d, &[&d], n as u64) <= LEVEL);
         out.by_clusters += usize::from(p_of_largest(&[scene.by_cluster(&d)], &[false], n as u64) <= LEVEL);
