@@ -24,9 +24,9 @@ impl Search<'_> {
 
     /// The names of a step are the explanation.
     ///
-    /// Either what they leave is noise. Or the last of them explains the overwhelming share of what was there before it, does
-    /// a substantial part of the whole, and every run asks for the same size of it: then the rest is a matter of its
-    /// form. Names that each explain part of a misfit which stays are none.
+    /// Either what they leave is noise. Or the last of them explains the overwhelming share of what was there before it, or
+    /// together they leave no substantial part of the whole; each does a substantial part (or all that was left: another effect
+    /// never has the form of an error exactly), and every run asks for the same size of it: then the rest is a matter of form. Names that each explain part of a misfit which stays are none.
     pub fn explains(&self, found: &Found, number: usize) -> bool {
         let step = &found.steps[number];
         let total = |n: usize| misfit::total(&self.left(found, &found.steps[n]));
@@ -36,8 +36,10 @@ impl Search<'_> {
         let of_whole = if first > 0.0 { (before - after) / first } else { 1.0 };
         let names: Vec<&str> = step.names.iter().map(|n| n.effect.header().id).collect();
         tracing::info!(?names, left, share, of_whole, step.disagreement, "what the names leave");
-        let substantial = number == 1 || of_whole >= SUBSTANTIAL;
-        substantial && (left < CONSISTENT || (share >= EXPLAINED && step.disagreement <= DISAGREE))
+        let complete = left < CONSISTENT && share >= COMPLETE;
+        let substantial = number == 1 || of_whole >= SUBSTANTIAL || complete;
+        let overwhelming = share >= EXPLAINED || after < SUBSTANTIAL * first;
+        substantial && (left < CONSISTENT || (overwhelming && step.disagreement <= DISAGREE))
     }
 
     /// The verdict.
@@ -47,9 +49,10 @@ impl Search<'_> {
         let chosen = (1..found.steps.len()).rev().find(|&n| self.explains(&found, n));
         let nameless = match chosen {
             Some(n) => {
-                // names whose form leaves much must do better than terms without a name
+                // names whose form leaves a substantial part must do better than terms without a name
                 let left = self.left(&found, &found.steps[n]);
-                if misfit::largest(&left) < CONSISTENT {
+                let whole = misfit::total(&self.left(&found, &before));
+                if misfit::largest(&left) < CONSISTENT || misfit::total(&left) < SUBSTANTIAL * whole {
                     None
                 } else {
                     self.nameless(&mut found, true)?.filter(|step| {
@@ -160,6 +163,8 @@ impl Search<'_> {
     }
 }
 
+/// A second effect explains this share of what the first one leaves, down to noise, where it is small beside that.
+const COMPLETE: f64 = 0.95;
 /// Terms without a name are preferred to names that leave more than noise where they leave less than this share of what the names
 /// leave.
 const NAMELESS: f64 = 0.5;

@@ -15,6 +15,7 @@ use crate::noise::{mean, white_std};
 use crate::plant::{Plant, Quantity};
 use crate::prepare::Stretch;
 use crate::problem::Problem;
+use crate::refit::{Bases, advantage, refit};
 use crate::score::{Direction, Scene};
 use crate::surrogate::p_of_selected;
 use crate::uncertainty::Uncertainty;
@@ -180,6 +181,7 @@ pub fn analyse(
     let mut diagnosis = diagnose_declared(library, &base, progress).map_err(fitting)?;
     let unrecognised = diagnosis.verdict == Verdict::Unrecognised;
     if !unrecognised {
+        complete_classes(&problem, &mut diagnosis, library).map_err(fitting)?;
         keep_what_beats_surrogates(&problem, &mut diagnosis, library).map_err(fitting)?;
         progress("effects held against surrogates");
         for added in &mut diagnosis.effects {
@@ -213,6 +215,52 @@ pub fn fit_declared(plant: &'static dyn TablePlant, problem: &Problem) -> Result
 
 /// Level at which an added effect must beat the surrogates of everything that it was chosen from.
 const LEVEL: f64 = 0.01;
+
+/// Standard errors (by clusters) by which a model that carries more of a class must be better.
+const BETTER: f64 = 3.0;
+
+/// Carries beside a found effect those that look like it and that the data ask for as well. The class is what is claimed, so a
+/// further member claims nothing new; a prediction beyond the amplitudes of the fit needs it all the same.
+fn complete_classes(
+    problem: &Problem,
+    diagnosis: &mut Diagnosis,
+    library: &[&'static dyn Effect],
+) -> Result<(), SimulationError> {
+    let effort = Effort { iterations: 15, tolerance: 1e-6, ..Effort::default() };
+    let (clusters, count) = crate::score::clusters(problem);
+    for n in 0..diagnosis.effects.len() {
+        let id = diagnosis.effects[n].effect.header().id;
+        let Some(at) = diagnosis.after.layout.effects.iter().position(|e| e.header().id == id) else { continue };
+        let alike = relatives(problem, &diagnosis.after, at, library)?;
+        for other in alike.into_iter().filter(|r| r.is_equivalent()).map(|r| r.effect) {
+            let current = &diagnosis.after;
+            if current.layout.effects.iter().any(|e| e.header().id == other.header().id) {
+                continue;
+            }
+            let scene = Scene::new(problem, current)?;
+            let directions = best(&scene, other);
+            let component = current.point.theta[..current.layout.base.len()].to_vec();
+            let bases = Bases { current, component: &component, short: problem, gross: false };
+            let Some(both) = refit(problem, &bases, &[(other, directions.iter().collect())], effort) else { continue };
+            let before = problem.residuals(&current.layout, &current.point)?;
+            let after = problem.residuals(&both.fit.layout, &both.fit.point)?;
+            let (_, better) = advantage(&before, &after, &clusters, count);
+            tracing::info!(of = id, with = other.header().id, better, "class");
+            if better >= BETTER {
+                diagnosis.after = both.fit;
+                let equivalent = Vec::new();
+                diagnosis.effects.push(Added {
+                    effect: other,
+                    probability: diagnosis.effects[n].probability,
+                    equivalent,
+                    values: Vec::new(),
+                    std: Vec::new(),
+                });
+            }
+        }
+    }
+    Ok(())
+}
 
 /// Takes out what explains no more than surrogates of the library do, the last that was added first, and completes what follows.
 fn keep_what_beats_surrogates(
