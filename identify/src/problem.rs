@@ -100,14 +100,23 @@ impl Problem {
 
     /// Weighted residuals, stretch by stretch.
     pub fn residuals(&self, layout: &Layout, point: &Point) -> Result<Vec<Vec<f64>>, SimulationError> {
-        (0..self.stretches.len())
-            .into_par_iter()
-            .with_max_len(1)
-            .map(|n| {
-                let y = self.plant.predict(&self.stretches[n], layout, &point.theta, &point.initial[n])?;
-                Ok(self.weigh(n, &y))
-            })
-            .collect()
+        self.each(|n| {
+            let y = self.plant.predict(&self.stretches[n], layout, &point.theta, &point.initial[n])?;
+            Ok(self.weigh(n, &y))
+        })
+    }
+
+    /// What `of` says of every stretch, on all cores, the longest first so that none waits for it at the end.
+    fn each<T: Send>(
+        &self,
+        of: impl Fn(usize) -> Result<T, SimulationError> + Sync,
+    ) -> Result<Vec<T>, SimulationError> {
+        let mut order: Vec<usize> = (0..self.stretches.len()).collect();
+        order.sort_by_key(|&n| std::cmp::Reverse(self.stretches[n].rows()));
+        let done = order.into_iter().par_bridge().map(|n| Ok((n, of(n)?)));
+        let mut done: Vec<(usize, T)> = done.collect::<Result<_, SimulationError>>()?;
+        done.sort_by_key(|(n, _)| *n);
+        Ok(done.into_iter().map(|(_, t)| t).collect())
     }
 
     fn weigh(&self, n: usize, predicted: &[f64]) -> Vec<f64> {
@@ -152,23 +161,19 @@ impl Problem {
 
     /// Residuals and derivatives of every stretch.
     pub fn linearise(&self, layout: &Layout, point: &Point) -> Result<Vec<Piece>, SimulationError> {
-        (0..self.stretches.len())
-            .into_par_iter()
-            .with_max_len(1)
-            .map(|n| {
-                let linear = self.plant.linearise(&self.stretches[n], layout, &point.theta, &point.initial[n])?;
-                let columns = layout.len() + point.initial[n].len();
-                let residual = self.weigh(n, &linear.predicted);
-                let mut slope = linear.slope;
-                for (t, row) in slope.chunks_mut(columns).enumerate() {
-                    let std = self.target_std(n, t);
-                    row.iter_mut().for_each(|v| *v /= std);
-                    // what is held has no influence
-                    layout.held.iter().for_each(|&h| row[h] = 0.0);
-                }
-                Ok(Piece { residual, slope })
-            })
-            .collect()
+        self.each(|n| {
+            let linear = self.plant.linearise(&self.stretches[n], layout, &point.theta, &point.initial[n])?;
+            let columns = layout.len() + point.initial[n].len();
+            let residual = self.weigh(n, &linear.predicted);
+            let mut slope = linear.slope;
+            for (t, row) in slope.chunks_mut(columns).enumerate() {
+                let std = self.target_std(n, t);
+                row.iter_mut().for_each(|v| *v /= std);
+                // what is held has no influence
+                layout.held.iter().for_each(|&h| row[h] = 0.0);
+            }
+            Ok(Piece { residual, slope })
+        })
     }
 
     /// Normal equations of linearised pieces.
