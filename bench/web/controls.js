@@ -58,7 +58,7 @@ export class Controls {
     this.state = state;
     const { service, run, queue } = state;
     const armed = service.armed_left_s !== null;
-    say(byId("armed"), armed ? `armed, ${duration(service.armed_left_s)} left` : "not armed: nothing is started");
+    say(byId("armed"), armed ? `armed, ${duration(service.armed_left_s)} left` : "not armed");
     say(byId("arm"), armed ? "Extend" : "Arm");
     show(byId("disarm"), armed);
     say(byId("enqueue"), service.state === "armed" && queue.length === 0 ? "Start" : "Add to queue");

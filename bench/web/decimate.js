@@ -105,7 +105,7 @@ export function calmRange(before, values, least) {
   let [lo, hi] = values;
   if (hi - lo < least) [lo, hi] = [(lo + hi - least) / 2, (lo + hi + least) / 2];
   if (before && before[0] <= lo && hi <= before[1] && before[1] - before[0] <= 2 * (hi - lo)) return before;
-  const step = niceStep((hi - lo) / 5);
+  const step = niceStep((hi - lo) / 8);
   return [Math.floor(lo / step - 0.2) * step, Math.ceil(hi / step + 0.2) * step];
 }
 

@@ -31,7 +31,7 @@ export function quantity(value, unit) {
 
 /** @param {string} unit as it is written on screen */
 export function unitText(unit) {
-  return unit === "us" ? "µs" : unit === "deg" ? "°" : unit;
+  return unit === "us" ? "µs" : unit.replace("deg", "°");
 }
 
 /**

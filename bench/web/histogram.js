@@ -2,7 +2,7 @@
 
 import { byId, say } from "./dom.js";
 import { count, microseconds } from "./format.js";
-import { axis, colourOf, readTheme } from "./theme.js";
+import { all, axis, colourOf, decadesOf, readTheme } from "./theme.js";
 import { uPlot } from "./uplot.js";
 
 /**
@@ -27,14 +27,14 @@ export class Histogram {
     const theme = readTheme();
     this.theme = theme;
     this.plot = new uPlot({
-      width: 280, height: HEIGHT_PX, legend: { show: false }, cursor: { show: false }, padding: [8, 8, 0, 0],
+      width: 280, height: HEIGHT_PX, legend: { show: false }, cursor: { show: false }, padding: [8, 16, 0, 0],
       scales: {
         x: { time: false, distr: 3, range: () => this.range() },
         y: { distr: 3, range: () => [0.5, 10 ** Math.max(1, Math.ceil(Math.log10(Math.max(2, ...(this.timing?.counts ?? [])))))] },
       },
       axes: [
-        axis(theme, { size: 24, space: 30, values: (/** @type {any} */ _u, /** @type {any} */ splits) => powers(splits, microsecondsShort) }),
-        axis(theme, { size: 40, space: 22, values: (/** @type {any} */ _u, /** @type {any} */ splits) => powers(splits, countShort) }),
+        axis(theme, { size: 24, splits: decadesOf, filter: all, values: (/** @type {any} */ _u, /** @type {number[]} */ splits) => splits.map(microsecondsShort) }),
+        axis(theme, { size: 40, splits: decadesOf, filter: all, values: (/** @type {any} */ _u, /** @type {number[]} */ splits) => splits.map(countShort) }),
       ],
       series: [{}, { paths: () => null, points: { show: false } }],
       hooks: { draw: [(/** @type {any} */ u) => this.paint(u)] },
@@ -113,11 +113,6 @@ export class Histogram {
   }
 }
 
-/** Labels at powers of ten only. @param {(number|null)[]} splits @param {(n: number) => string} text */
-function powers(splits, text) {
-  return splits.map((n) => (n !== null && n > 0 && Math.abs(Math.log10(n) - Math.round(Math.log10(n))) < 1e-9 ? text(n) : ""));
-}
-
 /** @param {number} us */
 function microsecondsShort(us) {
   return us >= 1e6 ? `${us / 1e6} s` : us >= 1000 ? `${us / 1000} ms` : `${us} µs`;
@@ -125,5 +120,5 @@ function microsecondsShort(us) {
 
 /** @param {number} n */
 function countShort(n) {
-  return n >= 1e6 ? `${n / 1e6}M` : n >= 1000 ? `${n / 1000}k` : n < 1 ? "" : String(n);
+  return n >= 1e6 ? `${n / 1e6}M` : n >= 1000 ? `${n / 1000}k` : String(n);
 }

@@ -84,7 +84,7 @@ class Phase {
     this.figure.append(legend);
     host.append(this.figure);
     this.plot = new uPlot({
-      width: 280, height: HEIGHT_PX, legend: { show: false }, cursor: { show: false }, padding: [4, 8, 0, 0],
+      width: 280, height: HEIGHT_PX, legend: { show: false }, cursor: { show: false }, padding: [7, 10, 0, 0],
       scales: { x: { time: false, range: () => this.xRange ?? [-1, 1] }, y: { range: () => this.yRange ?? [0, 1] } },
       axes: [axis(theme, { size: 24, space: 45 }), axis(theme, { size: 40, space: 30 })],
       series: [{}, { paths: () => null, points: { show: false } }],

@@ -3,7 +3,7 @@
 import { calmRange, decimate, emptyView, extent } from "./decimate.js";
 import { byId, make, say, show } from "./dom.js";
 import { number, quantity, unitText } from "./format.js";
-import { REFERENCE, axis, colourOf, readTheme } from "./theme.js";
+import { REFERENCE, all, axis, colourOf, decadesOf, readTheme } from "./theme.js";
 import { uPlot } from "./uplot.js";
 
 /**
@@ -23,7 +23,7 @@ const GROUPS = {
   voltage: { title: "Voltage", share: 1.6, least: 2 },
   volume: { title: "Volume", share: 1.4, least: 1 },
   valves: { title: "Valves", share: 0, least: 1, kind: "lanes" },
-  timing: { title: "Wake-up lateness", share: 1.2, least: 1, kind: "log" },
+  timing: { title: "Lateness", share: 1.2, least: 1, kind: "log" },
 };
 const OTHER = { share: 1.4, least: 1 };
 
@@ -37,13 +37,14 @@ const LOG_LEAST_US = 1;
 export class TimePlots {
   constructor() {
     this.host = byId("plots");
-    this.note = byId("plots-note");
     /** @type {Channel[]} */
     this.channels = [];
     /** @type {View} */
     this.view = emptyView(0);
     /** @type {TimePlot[]} */
     this.plots = [];
+    /** The button of each group. @type {Map<string, HTMLElement>} */
+    this.chips = new Map();
     this.shown = "";
     /** Groups that the user switched off. @type {Set<string>} */
     this.off = new Set();
@@ -61,7 +62,7 @@ export class TimePlots {
 
   /** A button for each group, to switch it off and on. @private */
   offerGroups() {
-    byId("groups").replaceChildren(...this.groups().map((group) => {
+    this.chips = new Map(this.groups().map((group) => {
       const button = make("button", "chip", titleOf(group));
       button.setAttribute("type", "button");
       button.setAttribute("aria-pressed", String(!this.off.has(group)));
@@ -70,8 +71,9 @@ export class TimePlots {
         button.setAttribute("aria-pressed", String(!this.off.has(group)));
         this.refresh();
       };
-      return button;
+      return [group, button];
     }));
+    byId("groups").replaceChildren(...this.chips.values());
   }
 
   /** Draws the same view again: after a change of what is shown. */
@@ -108,8 +110,11 @@ export class TimePlots {
     this.history = history;
     const wanted = this.groups().filter((group) => !this.off.has(group));
     const filled = wanted.filter((group) => this.channelsOf(group).some(({ index }) => history.seen[index]));
-    const empty = history.newest < 0 ? [] : wanted.filter((group) => !filled.includes(group));
-    say(this.note, empty.length ? `not measured in this run: ${empty.map((group) => titleOf(group).toLowerCase()).join(", ")}` : "");
+    for (const [group, chip] of this.chips) {
+      const empty = history.newest >= 0 && !this.channelsOf(group).some(({ index }) => history.seen[index]);
+      chip.classList.toggle("empty", empty);
+      chip.title = empty ? "not measured in this run" : "";
+    }
     show(byId("no-data"), filled.length === 0);
     if (this.shown !== filled.join()) this.build(filled);
     for (const plot of this.plots) plot.draw(this.view, history);
@@ -193,9 +198,9 @@ class TimePlot {
     const log = this.group.kind === "log";
     const yAxis = lanes
       ? axis(theme, { size: LEFT_PX, splits: () => this.channels.map((_, lane) => lane + 0.5), values: () => this.channels.map((c) => c.label), grid: { show: false }, ticks: { show: false } })
-      : axis(theme, { size: LEFT_PX, space: log ? 18 : 26, ...(log ? { values: decades } : {}) });
+      : axis(theme, { size: LEFT_PX, space: log ? 18 : 26, ...(log ? { splits: decadesOf, filter: all, values: decades } : {}) });
     this.plot = new uPlot({
-      width: 300, height: 60, legend: { show: false }, padding: [4, 8, withTime ? 0 : 4, 0],
+      width: 300, height: 60, legend: { show: false }, padding: [7, 10, withTime ? 0 : 7, 0],
       cursor: { sync: { key: syncKey, scales: ["x", null] }, drag: { x: false, y: false }, points: { show: false }, y: false },
       scales: { x: { time: false }, y: { distr: log ? 3 : 1, range: () => this.range ?? [0, 1] } },
       axes: [
@@ -360,7 +365,7 @@ class TimePlot {
 
 /** @param {string} colour as the style sheet has it, #rrggbb */
 function translucent(colour) {
-  return `${colour}66`;
+  return `${colour}90`;
 }
 
 /** @param {any} _u @param {number[]} splits */
@@ -368,10 +373,7 @@ function seconds(_u, splits) {
   return splits.map((s) => `${Number(s.toFixed(3))} s`);
 }
 
-/** Labels of whole decades of microseconds only. @param {any} _u @param {(number|null)[]} splits */
+/** @param {any} _u @param {number[]} splits in microseconds */
 function decades(_u, splits) {
-  return splits.map((us) => {
-    if (us === null || Math.abs(Math.log10(us) - Math.round(Math.log10(us))) > 1e-9) return "";
-    return us >= 1000 ? `${us / 1000} ms` : `${us} ${unitText("us")}`;
-  });
+  return splits.map((us) => (us >= 1000 ? `${us / 1000} ms` : `${us} ${unitText("us")}`));
 }

@@ -33,7 +33,7 @@ export class Readouts {
       const tile = make("div", "tile");
       tile.dataset.channel = name;
       const head = make("div", "tile-head");
-      head.append(make("i", "swatch"), make("span", "", label));
+      head.textContent = label;
       const value = make("b", "tile-value", NONE);
       const line = make("div", "tile-line");
       line.append(value, make("span", "tile-unit", unitText(unit)));

@@ -9,7 +9,7 @@ const STATES = {
   idle: ["○", "IDLE"],
   armed: ["◐", "ARMED"],
   running: ["▶", "RUNNING"],
-  waiting: ["✋", "WAITING"],
+  waiting: ["◆", "WAITING"],
   following: ["▷", "FOLLOWING"],
   tripped: ["■", "TRIPPED"],
   lost: ["✕", "NO CONNECTION"],

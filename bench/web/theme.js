@@ -43,6 +43,24 @@ export function axis(theme, more) {
 }
 
 /**
+ * Splits of a logarithmic axis of uPlot: whole decades, and nothing between them.
+ * @param {any} _u
+ * @param {number} _axis
+ * @param {number} min
+ * @param {number} max
+ */
+export function decadesOf(_u, _axis, min, max) {
+  const splits = [];
+  for (let power = Math.ceil(Math.log10(min) - 1e-9); power <= Math.log10(max) + 1e-9; power++) splits.push(10 ** power);
+  return splits;
+}
+
+/** Of a logarithmic axis: every split has its label; uPlot would leave some out. @param {any} _u @param {number[]} splits */
+export function all(_u, splits) {
+  return splits;
+}
+
+/**
  * Calls back when the system's colour scheme changes.
  * @param {() => void} changed
  */
