@@ -44,7 +44,7 @@ let paused = false;
 let state = null;
 let scheduled = false;
 let dirty = false;
-let slowDrawn = 0;
+let phaseDirty = false;
 /** From when the newest sample was due to when it was drawn, ms: what the tests read. @type {number[]} */
 const delays_ms = [];
 
@@ -56,26 +56,24 @@ function schedule() {
   requestAnimationFrame(draw);
 }
 
-/** @param {number} now */
-function draw(now) {
+function draw() {
   scheduled = false;
-  if (!dirty) return;
   dirty = false;
-  const slow = now - slowDrawn >= SLOW_MS;
-  if (history && !paused) {
-    plots.draw(history, window_s);
-    if (slow) phase.draw(plots.view, history.seen);
-    measureDelay(history);
-  }
-  if (slow) {
-    slowDrawn = now;
-    readouts.draw(history, state?.link ?? null, state?.run ? !state.run.ended : false);
-    status.setDelay(median(delays_ms));
-  } else {
-    // What was put off must still come when nothing new does.
-    setTimeout(schedule, SLOW_MS);
-  }
+  if (!history || paused) return;
+  plots.draw(history, window_s);
+  phaseDirty = true;
+  measureDelay(history);
 }
+
+/** Digits and phase plots, at a pace that can be followed. */
+function drawSlowly() {
+  if (dirty) schedule();
+  readouts.draw(history, state?.link ?? null, state?.run ? !state.run.ended : false);
+  status.setDelay(median(delays_ms));
+  if (phaseDirty && history) phase.draw(plots.view, history.seen);
+  phaseDirty = false;
+}
+setInterval(() => !document.hidden && requestAnimationFrame(drawSlowly), SLOW_MS);
 
 let measured = -1;
 /** A message that a frame sends itself arrives once it has been painted. */
@@ -133,7 +131,6 @@ new Live(api.live, {
     controls.set(next);
     emergencyStop.set(next);
     runs.set(next);
-    schedule();
   },
   begin: ({ run, origin_utc_ms }) => begin(run, origin_utc_ms ?? null),
   buckets(frame) {

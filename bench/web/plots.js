@@ -294,7 +294,8 @@ class TimePlot {
         const [lo, hi] = [min[i], max[i]];
         if (lo === null || hi === null || lo === undefined || hi === undefined) continue;
         const [top, bottom] = [this.y(u, hi), this.y(u, lo)];
-        if (bottom - top > 1) fill.rect(this.x(u, this.view.x[i]) - wide, top, wide, bottom - top);
+        // What the line covers need not be filled.
+        if (bottom - top > 2.5 * uPlot.pxRatio) fill.rect(this.x(u, this.view.x[i]) - wide, top, wide, bottom - top);
       }
       return { ...line(u, s, i0, i1), fill };
     };
