@@ -78,12 +78,13 @@ export function emptyView(channelCount) {
  * Least and greatest value of some channels in a view; null where there is none.
  * @param {View} view
  * @param {number[]} channels
+ * @param {boolean} [lastOnly] of the last value of each column alone
  * @returns {[number, number]|null}
  */
-export function extent(view, channels) {
+export function extent(view, channels, lastOnly = false) {
   let [lo, hi] = [Infinity, -Infinity];
   for (const c of channels) {
-    const { min, max } = view.series[c];
+    const { min, max } = lastOnly ? { min: view.series[c].last, max: view.series[c].last } : view.series[c];
     for (let i = 0; i < min.length; i++) {
       const [a, b] = [min[i], max[i]];
       if (a !== null && a < lo) lo = a;

@@ -10,7 +10,7 @@ import { uPlot } from "./uplot.js";
  * @typedef {{bounds_us: number[], counts: number[], p50_us: number|null, p99_us: number|null, max_us: number|null, skipped: number}} Timing
  */
 
-const HEIGHT_PX = 150;
+const HEIGHT_PX = 190;
 
 /** The histogram of the wake-ups' lateness. */
 export class Histogram {

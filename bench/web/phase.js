@@ -16,7 +16,7 @@ const PLOTS = [
   { title: "Torque over angle", over: ["torque_nm"], unit: "Nm", least: 1 },
 ];
 const ANGLE = "angle_deg";
-const HEIGHT_PX = 210;
+const HEIGHT_PX = 236;
 /** Stretches of one shade each: the oldest is the faintest. */
 const SHADES = 6;
 
@@ -108,8 +108,8 @@ class Phase {
     if (!measured) return;
     this.resize();
     this.view = view;
-    this.xRange = calmRange(this.xRange, extent(view, [this.angle]), 2);
-    this.yRange = calmRange(this.yRange, extent(view, this.ys.map((y) => y.index)), this.what.least);
+    this.xRange = calmRange(this.xRange, extent(view, [this.angle], true), 2);
+    this.yRange = calmRange(this.yRange, extent(view, this.ys.map((y) => y.index), true), this.what.least);
     this.plot.setData([this.xRange, [null, null]]);
   }
 
