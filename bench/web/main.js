@@ -42,6 +42,8 @@ let window_s = 10;
 let paused = false;
 /** @type {any} */
 let state = null;
+/** The newest message of this kind: it may come before the run that it is of. @type {any} */
+let timing = null;
 let scheduled = false;
 let dirty = false;
 let phaseDirty = false;
@@ -107,7 +109,7 @@ function begin(run, origin) {
   history = new History(JSON.parse(channelKey || "[]").length, bucket_s);
   measured = -1;
   delays_ms.length = 0;
-  histogram.set(null);
+  histogram.set(timing?.run === run ? timing : null);
   schedule();
 }
 
@@ -139,7 +141,8 @@ new Live(api.live, {
     schedule();
   },
   event: (event) => events.add(event),
-  timing(timing) {
+  timing(next) {
+    timing = next;
     if (timing.run === shown?.run) histogram.set(timing);
   },
   connected(connected) {

@@ -186,7 +186,7 @@ class TimePlot {
       const swatch = make("i", isReference(channel) ? "swatch dashed" : "swatch");
       swatch.style.color = colourOf(theme, channel.name);
       const value = make("b");
-      entry.append(swatch, `${channel.label} `, value);
+      entry.append(swatch, `${this.group.kind === "lanes" ? laneLabel(channel.label) : channel.label} `, value);
       legend.append(entry);
       return { entry, value };
     });
@@ -197,7 +197,7 @@ class TimePlot {
     const lanes = this.group.kind === "lanes";
     const log = this.group.kind === "log";
     const yAxis = lanes
-      ? axis(theme, { size: LEFT_PX, splits: () => this.channels.map((_, lane) => lane + 0.5), values: () => this.channels.map((c) => c.label), grid: { show: false }, ticks: { show: false } })
+      ? axis(theme, { size: LEFT_PX, splits: () => this.channels.map((_, lane) => lane + 0.5), values: () => this.channels.map((c) => laneLabel(c.label)), grid: { show: false }, ticks: { show: false } })
       : axis(theme, { size: LEFT_PX, space: log ? 18 : 26, ...(log ? { splits: decadesOf, filter: all, values: decades } : {}) });
     this.plot = new uPlot({
       width: 300, height: 60, legend: { show: false }, padding: [7, 10, withTime ? 0 : 7, 0],
@@ -362,6 +362,11 @@ class TimePlot {
   y(u, value) {
     return u.valToPos(this.group.kind === "log" ? Math.max(value, LOG_LEAST_US) : value, "y", true);
   }
+}
+
+/** A valve's name without the state that its channel is 1 for. @param {string} label */
+function laneLabel(label) {
+  return label.replace(/ open$/, "");
 }
 
 /** @param {string} colour as the style sheet has it, #rrggbb */
