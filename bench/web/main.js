@@ -80,8 +80,8 @@ setInterval(() => !document.hidden && requestAnimationFrame(drawSlowly), SLOW_MS
 let measured = -1;
 /** A message that a frame sends itself arrives once it has been painted. */
 const painted = new MessageChannel();
-painted.port1.onmessage = ({ data: due_ms }) => {
-  const delay_ms = Date.now() - due_ms;
+painted.port1.onmessage = (/** @type {MessageEvent<number>} */ message) => {
+  const delay_ms = Date.now() - message.data;
   // Beyond that it is another machine's clock, not a delay.
   if (delay_ms < 0 || delay_ms > 10_000) delays_ms.length = 0;
   else delays_ms.push(delay_ms);
