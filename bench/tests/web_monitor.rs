@@ -23,10 +23,10 @@ use std::time::Duration;
 /// Nothing takes so long; the machine may be slow.
 const PATIENCE: Duration = Duration::from_secs(120);
 const TOKEN: &str = "a-token-of-the-web-monitor-test";
-/// The sensor of pressure 1 is wrong for this one tick, by one bit: 1.25 bar.
-const SPIKE_S: f64 = 6.0;
-/// Neither the pressure at rest (2.8 bar) nor its noise comes here; with the bit it does.
-const SPIKE_BAR: f64 = 3.7;
+/// The sensor of pressure 1 is wrong for this one tick, by one bit: 3.75 bar.
+const SPIKE_S: f64 = 7.5;
+/// No pressure of the run comes here; with the bit it does.
+const SPIKE_BAR: f64 = 5.5;
 
 /// A program that ends with the test, whatever its outcome.
 struct Running {
@@ -119,13 +119,14 @@ fn moving_profile(dir: &Path) {
         "name = \"to_be_watched\"\nprotocol = \"square-wave\"\nrole = \"identify\"\nplane = \"horizontal\"\n\
          about = \"The lever to both sides, with one wrong sample\"\n\
          [start]\nfixture = \"free\"\nbrake = \"open\"\nbypass = \"closed\"\nfill_bar = 2.8\n\
-         [[step]]\nfor_s = 1.0\n\
-         [[step]]\nvoltage_u_max = 0.3\nfor_s = 3.0\n\
-         [[step]]\nvoltage_v = 0.0\nbrake = \"closed\"\nbypass = \"open\"\nfor_s = 4.0\n\
+         [[step]]\nfor_s = 0.5\n\
          [[step]]\nrepeat = 40\n\
-         [[step.step]]\nbrake = \"open\"\nbypass = \"closed\"\nvoltage_u_max = -0.5\nuntil = [{{ channel = \"angle_deg\", below = -20.0 }}]\ntimeout_s = 5.0\n\
-         [[step.step]]\nvoltage_u_max = 0.5\nuntil = [{{ channel = \"angle_deg\", above = 20.0 }}]\ntimeout_s = 5.0\n\
-         [[fault]]\nkind = \"bit-flip\"\ninput = \"pressure1_bar\"\nat_s = {SPIKE_S}\nfor_s = 0.001\nbit = 13\n"
+         [[step.step]]\ntarget = {{ quantity = \"angle_deg\", wave = \"sine\", amplitude = 8.0, frequency_hz = 0.2 }}\nfor_s = 5.0\n\
+         [[step.step]]\nbypass = \"open\"\nbrake = \"closed\"\nvoltage_v = 0.0\nfor_s = 0.5\n\
+         [[step.step]]\nbypass = \"closed\"\nbrake = \"open\"\nvoltage_u_max = 0.2\nuntil = [{{ channel = \"angle_deg\", above = 4.0 }}]\ntimeout_s = 2.0\n\
+         [[step.step]]\ntarget = {{ pressure1_bar = 2.9 }}\nfor_s = 2.0\n\
+         [[step.step]]\ntarget = {{ quantity = \"angle_deg\", wave = \"ramp\", to = 0.0, rate_per_s = 5.0 }}\nfor_s = 2.0\n\
+         [[fault]]\nkind = \"bit-flip\"\ninput = \"pressure1_bar\"\nat_s = {SPIKE_S}\nfor_s = 0.001\nbit = 13\nrange = [0.0, 30.0]\n"
     );
     fs::create_dir_all(dir.join("profiles")).unwrap();
     fs::write(dir.join("profiles/to_be_watched.toml"), text).unwrap();

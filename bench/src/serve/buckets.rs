@@ -1,6 +1,7 @@
 //! Samples for the eye: each bucket of 10 ticks keeps the lowest, the highest and the last value of each channel, so that no spike
 //! is lost; what is missing shows.
 
+use super::reference::{self, Wanted};
 use rt_core::Sample;
 
 /// Ticks of a bucket.
@@ -23,8 +24,11 @@ const fn channel(name: &'static str, label: &'static str, unit: &'static str, gr
     Channel { name, label, unit, group }
 }
 
+/// Channels of a sample.
+const OWN: usize = 9;
+
 /// Channels of a bucket.
-pub const COUNT: usize = 9;
+pub const COUNT: usize = OWN + reference::COUNT;
 
 /// In the order of a bucket.
 pub const CHANNELS: [Channel; COUNT] = [
@@ -37,10 +41,14 @@ pub const CHANNELS: [Channel; COUNT] = [
     channel("brake_open", "brake open", "", "valves"),
     channel("bypass_open", "bypass open", "", "valves"),
     channel("lateness_us", "wake-up late by", "us", "timing"),
+    reference::CHANNELS[0],
+    reference::CHANNELS[1],
+    reference::CHANNELS[2],
 ];
 
 /// In the order of [`CHANNELS`].
-fn values(sample: &Sample) -> [f32; COUNT] {
+fn values(sample: &Sample, wanted: &Wanted) -> [f32; COUNT] {
+    let [angle_deg, pressure1_bar, pressure2_bar] = *wanted;
     [
         sample.voltage_v as f32,
         sample.angle_deg as f32,
@@ -51,6 +59,9 @@ fn values(sample: &Sample) -> [f32; COUNT] {
         f32::from(u8::from(sample.brake_open())),
         f32::from(u8::from(sample.bypass_open())),
         sample.lateness_ns as f32 * 1e-3,
+        angle_deg,
+        pressure1_bar,
+        pressure2_bar,
     ]
 }
 
@@ -127,8 +138,8 @@ impl Decimator {
         self.missed
     }
 
-    /// Takes the next sample; `out` gets what is complete.
-    pub fn push(&mut self, sample: &Sample, out: &mut impl FnMut(Bucket)) {
+    /// Takes the next sample and what was wanted at it; `out` gets what is complete.
+    pub fn push(&mut self, sample: &Sample, wanted: &Wanted, out: &mut impl FnMut(Bucket)) {
         let sequence = sample.sequence();
         let gap = self.expected.map_or(0, |expected| sequence.saturating_sub(expected));
         self.expected = Some(sequence + 1);
@@ -149,7 +160,7 @@ impl Decimator {
             }
         };
         open.last_tick = sample.tick;
-        open.bucket.spans.iter_mut().zip(values(sample)).for_each(|(span, value)| span.take(value));
+        open.bucket.spans.iter_mut().zip(values(sample, wanted)).for_each(|(span, value)| span.take(value));
         self.open = Some(open);
         if sample.last() {
             self.close(out);
@@ -192,7 +203,9 @@ mod tests {
 
     fn buckets(mut decimator: Decimator, samples: &[Sample]) -> (Vec<Bucket>, u64) {
         let mut out = Vec::new();
-        samples.iter().for_each(|sample| decimator.push(sample, &mut |bucket| out.push(bucket)));
+        samples
+            .iter()
+            .for_each(|sample| decimator.push(sample, &reference::NOTHING, &mut |bucket| out.push(bucket)));
         decimator.close(&mut |bucket| out.push(bucket));
         (out, decimator.missed())
     }

@@ -7,7 +7,7 @@
 //! | [`state`] | states and queue, pure | |
 //! | [`process`] | a run as a process | |
 //! | [`monitor`] | follows the samples, makes buckets of them | `samples` |
-//! | [`buckets`], [`stream`], [`lateness`] | what clients get of them | |
+//! | [`reference`], [`buckets`], [`stream`], [`lateness`] | what clients get of them | |
 //! | [`described`] | what a run is | |
 //! | [`people`] | what a run asks people for | `people` |
 //! | [`channel`] | commands over shared memory | `channel` |
@@ -29,6 +29,7 @@ pub mod monitor;
 pub mod notify;
 pub mod people;
 pub mod process;
+pub mod reference;
 pub mod state;
 pub mod stream;
 pub mod supervisor;

@@ -5,6 +5,7 @@ use super::buckets::{Bucket, Decimator};
 use super::described::Described;
 use super::event_log::Severity;
 use super::lateness::Lateness;
+use super::reference::Shadow;
 use super::state::Held;
 use super::stream::Begin;
 use super::view;
@@ -88,7 +89,10 @@ fn listen(
                     if let Some(mut before) = before {
                         before.end(board, None);
                     }
-                    Followed::foreign(board, sample, first)
+                    let mut run = Followed::foreign(board, sample, first);
+                    // It announced itself before its first sample: known now, its script can be played along.
+                    run.hear_announced(&mut ears.announcements, board)?;
+                    run
                 }
             };
             followed = Some(next);
@@ -143,6 +147,8 @@ struct Followed {
     /// Number that its samples carry.
     source: u32,
     decimator: Decimator,
+    /// The run's script, played along.
+    shadow: Shadow,
     buckets: Vec<Bucket>,
     lateness: Lateness,
     newest: Option<Sample>,
@@ -164,6 +170,7 @@ impl Followed {
             begun: now,
             source,
             decimator,
+            shadow: Shadow::new(None),
             buckets: Vec::new(),
             lateness: Lateness::default(),
             newest: None,
@@ -177,6 +184,7 @@ impl Followed {
     fn own(board: &Board, own: &OwnRun) -> Followed {
         let mut run = Followed::new(board, own.number, true, own.number, Decimator::from_start());
         run.described = Some(Arc::clone(&own.described));
+        run.shadow = Shadow::new(own.described.playback());
         own.described.fill(&mut run.view);
         run.show(board);
         run
@@ -197,8 +205,9 @@ impl Followed {
     fn take(&mut self, sample: &Sample, board: &Board, trip_seen: &mut dyn FnMut(Held)) {
         let before = self.newest.replace(*sample);
         self.heard = Instant::now();
+        let wanted = self.shadow.at(sample);
         let buckets = &mut self.buckets;
-        self.decimator.push(sample, &mut |bucket| buckets.push(bucket));
+        self.decimator.push(sample, &wanted, &mut |bucket| buckets.push(bucket));
         self.lateness.record_ns(sample.lateness_ns);
         self.view.samples += 1;
         if self.view.origin_utc_ms.is_none() && sample.woken_ns > 0 {
@@ -247,16 +256,23 @@ impl Followed {
         if self.announced || self.newest.is_none() {
             return Ok(());
         }
-        let described = announcements.of_run(self.source, Duration::ZERO)?.map(Described::announced);
-        if let Some(described) = described {
-            self.announced = true;
-            if let Some(described) = described {
-                described.fill(&mut self.view);
-                self.described = Some(Arc::new(described));
-                self.show(board);
+        self.hear_announced(announcements, board)?;
+        self.announced |= self.begun.elapsed() > ANNOUNCED_WITHIN;
+        Ok(())
+    }
+
+    fn hear_announced(&mut self, announcements: &mut Announcements, board: &Board) -> Result<(), LinkError> {
+        let Some(announced) = announcements.of_run(self.source, Duration::ZERO)?.map(Described::announced) else {
+            return Ok(());
+        };
+        self.announced = true;
+        if let Some(described) = announced {
+            if self.newest.is_none() {
+                self.shadow = Shadow::new(described.playback());
             }
-        } else if self.begun.elapsed() > ANNOUNCED_WITHIN {
-            self.announced = true;
+            described.fill(&mut self.view);
+            self.described = Some(Arc::new(described));
+            self.show(board);
         }
         Ok(())
     }

@@ -36,6 +36,7 @@ console.log("armed and started");
 
 await curvesMove();
 await spikeIsSeen();
+await referenceIsSeen();
 await pauseAndCursor();
 await phasesAndTiming();
 await tellDelay();
@@ -108,6 +109,27 @@ async function spikeIsSeen() {
     console.log(`spike of one sample, window ${window}: at ${seen.time_s.toFixed(2)} s of ${seen.columns} columns, ${seen.blue} px wide`);
   }
   await page.click('[data-window="10"]');
+}
+
+/** The script asks for an angle first: its reference is drawn beside the angle, and the angle follows it. */
+async function referenceIsSeen() {
+  await page.click('[data-window="all"]');
+  await page.waitForTimeout(300);
+  const seen = await page.evaluate(() => {
+    const { plots } = globalThis.recBench;
+    const last = (name) => plots.view.series[plots.channels.findIndex((channel) => channel.name === name)].last;
+    const [wanted, actual] = [last("reference_angle_deg"), last("angle_deg")];
+    const rows = [...wanted.keys()].filter((i) => wanted[i] !== null && actual[i] !== null);
+    const deviations = rows.map((i) => Math.abs(wanted[i] - actual[i])).sort((a, b) => a - b);
+    const legend = [...document.querySelectorAll('section[aria-label="Angle over time"] .entry')].map((entry) => !entry.hidden);
+    const shown = document.querySelector('[data-channel="angle_deg"] .tile-note').textContent;
+    return { rows: rows.length, all: wanted.length, most: Math.max(...rows.map((i) => wanted[i])), median: deviations[rows.length >> 1], legend, shown };
+  });
+  assert.ok(seen.rows > 50 && seen.rows < seen.all, `${seen.rows} columns of ${seen.all} have a reference`);
+  assert.ok(seen.most > 7 && seen.median < 4, JSON.stringify(seen));
+  assert.deepEqual(seen.legend, [true, true]);
+  await page.click('[data-window="10"]');
+  console.log(`reference of the angle in ${seen.rows} of ${seen.all} columns, median deviation ${seen.median.toFixed(2)} deg`);
 }
 
 async function pauseAndCursor() {
