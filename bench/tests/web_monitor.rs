@@ -120,7 +120,7 @@ fn moving_profile(dir: &Path) {
          about = \"The lever to both sides, with one wrong sample\"\n\
          [start]\nfixture = \"free\"\nbrake = \"open\"\nbypass = \"closed\"\nfill_bar = 2.8\n\
          [[step]]\nfor_s = 0.5\n\
-         [[step]]\nrepeat = 40\n\
+         [[step]]\nrepeat = 25\n\
          [[step.step]]\ntarget = {{ quantity = \"angle_deg\", wave = \"sine\", amplitude = 8.0, frequency_hz = 0.2 }}\nfor_s = 5.0\n\
          [[step.step]]\nbypass = \"open\"\nbrake = \"closed\"\nvoltage_v = 0.0\nfor_s = 0.5\n\
          [[step.step]]\nbypass = \"closed\"\nbrake = \"open\"\nvoltage_u_max = 0.2\nuntil = [{{ channel = \"angle_deg\", above = 4.0 }}]\ntimeout_s = 2.0\n\
