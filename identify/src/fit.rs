@@ -13,10 +13,6 @@ pub struct Effort {
     pub iterations: usize,
     /// Relative decrease of the cost below which the minimum counts as reached.
     pub tolerance: f64,
-    /// Give up when, after `patience` iterations, the cost is still above this.
-    pub hopeless_above: f64,
-    /// See `hopeless_above`.
-    pub patience: usize,
     /// Where it is finite, it decides instead of the tolerance: stop when the whole next step promises less than this share of a noise
     /// variance. A hundredth leaves every parameter within a tenth of its standard error of the minimum, however flat that is.
     pub promise: f64,
@@ -26,14 +22,7 @@ pub struct Effort {
 
 impl Default for Effort {
     fn default() -> Self {
-        Effort {
-            iterations: 25,
-            tolerance: 1e-6,
-            hopeless_above: f64::INFINITY,
-            patience: 4,
-            promise: f64::INFINITY,
-            ahead: false,
-        }
+        Effort { iterations: 25, tolerance: 1e-6, promise: f64::INFINITY, ahead: false }
     }
 }
 
@@ -77,9 +66,6 @@ pub fn fit_from(
     let mut growth = 2.0;
     let mut converged = false;
     'outer: for iteration in 0..effort.iterations {
-        if iteration >= effort.patience && cost > effort.hopeless_above {
-            break;
-        }
         let pieces = match known.take() {
             Some(pieces) => pieces,
             None => problem.linearise(layout, &point)?,
