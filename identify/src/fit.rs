@@ -39,6 +39,20 @@ pub struct Fit {
     pub converged: bool,
 }
 
+impl Fit {
+    /// What is left to fit without the `n`-th effect: its layout, and this point without that effect's values.
+    pub fn without(&self, n: usize) -> (Layout, Point) {
+        let own = self.layout.first_of(n)..self.layout.first_of(n + 1);
+        let mut layout = self.layout.clone();
+        layout.effects.remove(n);
+        let moved = |i: usize| if i < own.start { Some(i) } else { (i >= own.end).then(|| i - own.len()) };
+        layout.held = self.layout.held.iter().filter_map(|&i| moved(i)).collect();
+        let mut point = self.point.clone();
+        point.theta.drain(own.clone());
+        (layout, point)
+    }
+}
+
 /// Minimises the problem's cost from `start`.
 pub fn fit(problem: &Problem, layout: &Layout, start: Point, effort: Effort) -> Result<Fit, SimulationError> {
     fit_from(problem, layout, start, effort, None).map(|(fit, _)| fit)

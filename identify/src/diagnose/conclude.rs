@@ -124,7 +124,7 @@ impl Search<'_> {
         if p > LEVEL && !certain {
             return Ok(None);
         }
-        let Some(fit) = empirical(self, &nested, &round)? else { return Ok(None) };
+        let Some(fit) = empirical(self, &nested, &round, &found.colours)? else { return Ok(None) };
         let step = self.step(fit, Vec::new(), None)?;
         found.learn(self.problem, &step.residual);
         let before = self.left(found, &reference);
