@@ -96,7 +96,7 @@ impl Search<'_> {
         } else {
             let nested = self.nested(&step.fit)?;
             let open = self.open(&nested);
-            let last = Round::new(&self.brief, &nested, open.into_iter())?;
+            let last = Round::usual(&self.brief, &nested, &open)?;
             balance_p_values(first, &last, &effects)
         };
         let (parts_before, parts_after) = (found.parts(self.problem, &before), found.parts(self.problem, &step));
