@@ -79,11 +79,6 @@ impl Described {
         run.duration_s = self.script.as_ref().map(|script| script.duration_s);
     }
 
-    /// The script, ready to be played from its first tick.
-    pub fn playback(&self) -> Option<Playback> {
-        self.script.as_ref().map(|script| script.playback.clone())
-    }
-
     /// The step with this index, in words.
     pub fn step(&self, index: u32) -> Option<view::Step> {
         let Unrolled { playback, outline, .. } = self.script.as_ref()?;

@@ -5,7 +5,6 @@ use super::buckets::{Bucket, Decimator};
 use super::described::Described;
 use super::event_log::Severity;
 use super::lateness::Lateness;
-use super::reference::Shadow;
 use super::state::Held;
 use super::stream::Begin;
 use super::view;
@@ -63,12 +62,7 @@ impl Ears {
     }
 }
 
-fn listen(
-    ears: &mut Ears,
-    board: &Board,
-    over: &AtomicBool,
-    trip_seen: &mut dyn FnMut(Held),
-) -> Result<(), LinkError> {
+fn listen(ears: &mut Ears, board: &Board, over: &AtomicBool, trip_seen: &mut dyn FnMut(Held)) -> Result<(), LinkError> {
     let mut heard = Vec::with_capacity(rt_core::subscribe::DRAIN_MAX);
     let mut followed: Option<Followed> = None;
     let mut first = true;
@@ -89,10 +83,7 @@ fn listen(
                     if let Some(mut before) = before {
                         before.end(board, None);
                     }
-                    let mut run = Followed::foreign(board, sample, first);
-                    // It announced itself before its first sample: known now, its script can be played along.
-                    run.hear_announced(&mut ears.announcements, board)?;
-                    run
+                    Followed::foreign(board, sample, first)
                 }
             };
             followed = Some(next);
@@ -147,8 +138,6 @@ struct Followed {
     /// Number that its samples carry.
     source: u32,
     decimator: Decimator,
-    /// The run's script, played along.
-    shadow: Shadow,
     buckets: Vec<Bucket>,
     lateness: Lateness,
     newest: Option<Sample>,
@@ -170,7 +159,6 @@ impl Followed {
             begun: now,
             source,
             decimator,
-            shadow: Shadow::new(None),
             buckets: Vec::new(),
             lateness: Lateness::default(),
             newest: None,
@@ -184,7 +172,6 @@ impl Followed {
     fn own(board: &Board, own: &OwnRun) -> Followed {
         let mut run = Followed::new(board, own.number, true, own.number, Decimator::from_start());
         run.described = Some(Arc::clone(&own.described));
-        run.shadow = Shadow::new(own.described.playback());
         own.described.fill(&mut run.view);
         run.show(board);
         run
@@ -205,9 +192,8 @@ impl Followed {
     fn take(&mut self, sample: &Sample, board: &Board, trip_seen: &mut dyn FnMut(Held)) {
         let before = self.newest.replace(*sample);
         self.heard = Instant::now();
-        let wanted = self.shadow.at(sample);
         let buckets = &mut self.buckets;
-        self.decimator.push(sample, &wanted, &mut |bucket| buckets.push(bucket));
+        self.decimator.push(sample, &mut |bucket| buckets.push(bucket));
         self.lateness.record_ns(sample.lateness_ns);
         self.view.samples += 1;
         if self.view.origin_utc_ms.is_none() && sample.woken_ns > 0 {
@@ -256,23 +242,16 @@ impl Followed {
         if self.announced || self.newest.is_none() {
             return Ok(());
         }
-        self.hear_announced(announcements, board)?;
-        self.announced |= self.begun.elapsed() > ANNOUNCED_WITHIN;
-        Ok(())
-    }
-
-    fn hear_announced(&mut self, announcements: &mut Announcements, board: &Board) -> Result<(), LinkError> {
-        let Some(announced) = announcements.of_run(self.source, Duration::ZERO)?.map(Described::announced) else {
-            return Ok(());
-        };
-        self.announced = true;
-        if let Some(described) = announced {
-            if self.newest.is_none() {
-                self.shadow = Shadow::new(described.playback());
+        let described = announcements.of_run(self.source, Duration::ZERO)?.map(Described::announced);
+        if let Some(described) = described {
+            self.announced = true;
+            if let Some(described) = described {
+                described.fill(&mut self.view);
+                self.described = Some(Arc::new(described));
+                self.show(board);
             }
-            described.fill(&mut self.view);
-            self.described = Some(Arc::new(described));
-            self.show(board);
+        } else if self.begun.elapsed() > ANNOUNCED_WITHIN {
+            self.announced = true;
         }
         Ok(())
     }
@@ -293,7 +272,8 @@ impl Followed {
     fn show(&mut self, board: &Board) {
         let missed = self.decimator.missed();
         if missed > self.told_missed {
-            let text = format!("{} samples did not reach the service; the recording has its own", missed - self.told_missed);
+            let text =
+                format!("{} samples did not reach the service; the recording has its own", missed - self.told_missed);
             self.told_missed = missed;
             board.note(Severity::Warning, "monitor", &text, Some((self.view.number, Some(self.view.time_s))));
         }
