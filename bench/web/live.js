@@ -1,8 +1,8 @@
 // The live stream: decoding of its frames, and a connection that is taken up again when it breaks.
 
 /**
- * A channel of the stream, as `hello` names it.
- * @typedef {{name: string, label: string, unit: string, group: string}} Channel
+ * A channel of the stream, as `hello` names it; `derived`: reckoned by the page.
+ * @typedef {{name: string, label: string, unit: string, group: string, derived?: boolean}} Channel
  *
  * Buckets of samples. Arrays are views of the received frame.
  * @typedef {{run: number, time_s: Float64Array, channels: {min: Float32Array, max: Float32Array, last: Float32Array}[]}} Buckets

@@ -2,6 +2,7 @@
 
 import { Api } from "./api.js";
 import { Controls } from "./controls.js";
+import { Derived } from "./derived.js";
 import { byId, say } from "./dom.js";
 import { Events } from "./events.js";
 import { Histogram } from "./histogram.js";
@@ -36,6 +37,7 @@ let history = null;
 /** Which run the history is of. @type {{run: number, origin: number|null}|null} */
 let shown = null;
 let channelKey = "";
+let derived = new Derived([]);
 let bucket_s = 0.01;
 /** @type {number|null} */
 let window_s = 10;
@@ -106,7 +108,7 @@ function begin(run, origin) {
   const same = shown?.run === run && (origin === shown.origin || (origin !== null && shown.origin !== null && Math.abs(origin - shown.origin) < 1000));
   if (same && history) return;
   shown = { run, origin };
-  history = new History(JSON.parse(channelKey || "[]").length, bucket_s);
+  history = new History(derived.channels.length, bucket_s);
   measured = -1;
   delays_ms.length = 0;
   histogram.set(timing?.run === run ? timing : null);
@@ -119,11 +121,12 @@ new Live(api.live, {
     const key = JSON.stringify(hello.channels);
     if (key !== channelKey) {
       channelKey = key;
+      derived = new Derived(hello.channels);
       history = null;
       shown = null;
-      plots.setChannels(hello.channels);
-      phase.setChannels(hello.channels);
-      readouts.setChannels(hello.channels);
+      plots.setChannels(derived.channels);
+      phase.setChannels(derived.channels);
+      readouts.setChannels(derived.channels);
     }
     events.clear();
   },
@@ -137,7 +140,7 @@ new Live(api.live, {
   begin: ({ run, origin_utc_ms }) => begin(run, origin_utc_ms ?? null),
   buckets(frame) {
     if (!history || shown?.run !== frame.run) begin(frame.run, null);
-    history?.append(frame);
+    history?.append(derived.add(frame));
     schedule();
   },
   event: (event) => events.add(event),

@@ -16,7 +16,8 @@ const PLOTS = [
   { title: "Torque over angle", over: ["torque_nm"], unit: "Nm", least: 1 },
 ];
 const ANGLE = "angle_deg";
-const HEIGHT_PX = 236;
+/** Of one plot alone, and of each of two. */
+const HEIGHTS_PX = [400, 236];
 /** Stretches of one shade each: the oldest is the faintest. */
 const SHADES = 6;
 
@@ -84,7 +85,7 @@ class Phase {
     this.figure.append(legend);
     host.append(this.figure);
     this.plot = new uPlot({
-      width: 280, height: HEIGHT_PX, legend: { show: false }, cursor: { show: false }, padding: [7, 10, 0, 0],
+      width: 280, height: HEIGHTS_PX[1], legend: { show: false }, cursor: { show: false }, padding: [7, 10, 0, 0],
       scales: { x: { time: false, range: () => this.xRange ?? [-1, 1] }, y: { range: () => this.yRange ?? [0, 1] } },
       axes: [axis(theme, { size: 24, space: 45 }), axis(theme, { size: 40, space: 30 })],
       series: [{}, { paths: () => null, points: { show: false } }],
@@ -94,8 +95,11 @@ class Phase {
   }
 
   resize() {
+    const beside = [...this.figure.parentElement?.children ?? []].filter((other) => !(/** @type {HTMLElement} */ (other).hidden)).length;
     const width = this.figure.clientWidth;
-    if (width > 0 && width !== this.plot.width) this.plot.setSize({ width, height: HEIGHT_PX });
+    // Below each other and as high as wide at most, so that a narrow screen is not filled by one of them.
+    const height = Math.min(HEIGHTS_PX[Math.min(beside, 2) - 1] ?? HEIGHTS_PX[1], Math.max(width, HEIGHTS_PX[1]));
+    if (width > 0 && (width !== this.plot.width || height !== this.plot.height)) this.plot.setSize({ width, height });
   }
 
   /**

@@ -19,6 +19,8 @@ import { uPlot } from "./uplot.js";
 const GROUPS = {
   pressure: { title: "Pressure", share: 3, least: 0.1 },
   angle: { title: "Angle", share: 2.4, least: 1 },
+  difference: { title: "Pressure difference", share: 1.6, least: 0.1 },
+  flow: { title: "Flow", share: 1.4, least: 1 },
   torque: { title: "Torque", share: 1.6, least: 1 },
   voltage: { title: "Voltage", share: 1.6, least: 2 },
   volume: { title: "Volume", share: 1.4, least: 1 },
@@ -89,6 +91,11 @@ export class TimePlots {
     return named.sort((a, b) => place(a) - place(b));
   }
 
+  /** What is reckoned from other channels is shown where something is asked of it. @private @param {string} group @param {History} history */
+  hasValues(group, history) {
+    return this.channelsOf(group).some(({ index, derived }) => history.seen[index] && !derived);
+  }
+
   /** @private @param {string} group */
   channelsOf(group) {
     return this.channels.map((channel, index) => ({ ...channel, index })).filter((channel) => channel.group === group);
@@ -109,11 +116,13 @@ export class TimePlots {
   drawView(history) {
     this.history = history;
     const wanted = this.groups().filter((group) => !this.off.has(group));
-    const filled = wanted.filter((group) => this.channelsOf(group).some(({ index }) => history.seen[index]));
+    const filled = wanted.filter((group) => this.hasValues(group, history));
     for (const [group, chip] of this.chips) {
-      const empty = history.newest >= 0 && !this.channelsOf(group).some(({ index }) => history.seen[index]);
+      const empty = history.newest >= 0 && !this.hasValues(group, history);
       chip.classList.toggle("empty", empty);
-      chip.title = empty ? "not measured in this run" : "";
+      chip.title = empty ? "no values in this run" : "";
+      // What only some scripts ask for has no place on the page otherwise.
+      show(chip, !empty || this.channelsOf(group).some(({ name, derived }) => !derived && !name.startsWith(REFERENCE)));
     }
     show(byId("no-data"), filled.length === 0);
     if (this.shown !== filled.join()) this.build(filled);

@@ -7,7 +7,7 @@
 /** Colour of each channel, as the style sheet's variables name it; what is not known here takes the next one. */
 const COLOURS = {
   pressure1_bar: "--c-pressure1", pressure2_bar: "--c-pressure2", angle_deg: "--c-angle", torque_nm: "--c-torque",
-  voltage_v: "--c-voltage", volume_ml: "--c-volume", brake_open: "--c-brake", bypass_open: "--c-bypass", lateness_us: "--c-lateness",
+  voltage_v: "--c-voltage", pressure_difference_bar: "--c-pressure1", volume_ml: "--c-volume", brake_open: "--c-brake", bypass_open: "--c-bypass", lateness_us: "--c-lateness",
 };
 
 /** A reference is named after its channel. */

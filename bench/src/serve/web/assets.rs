@@ -35,6 +35,7 @@ const FILES: &[(&str, &str, &[u8])] = &[
     page_file!("api.js", SCRIPT),
     page_file!("controls.js", SCRIPT),
     page_file!("decimate.js", SCRIPT),
+    page_file!("derived.js", SCRIPT),
     page_file!("dom.js", SCRIPT),
     page_file!("events.js", SCRIPT),
     page_file!("format.js", SCRIPT),
