@@ -234,12 +234,13 @@ async function finishedRun() {
 }
 
 async function orderlyStop() {
-  await page.selectOption("#profile", PROFILE);
+  await page.selectOption("#profile", "angle_sine");
   await page.click("#enqueue");
-  await says(page, "#queue li", new RegExp(PROFILE));
+  await says(page, "#queue li", /angle_sine/);
   await page.click("#arm");
   await word(page, /^RUNNING$/);
   await page.waitForFunction(() => globalThis.recBench.plots.view.to_s > 0.5 && globalThis.recBench.plots.view.to_s < 20);
+  assert.equal(await page.locator("#queue li").count(), 0, "the queue is empty");
   if (process.env.MONITOR_SCREENSHOT) await screenshot(process.env.MONITOR_SCREENSHOT);
   await page.click("#stop");
   await word(page, /^IDLE$/);
@@ -249,8 +250,11 @@ async function orderlyStop() {
 
 /** @param {string} file */
 async function screenshot(file) {
-  await until(page, 16);
+  await page.click('[data-window="30"]');
+  await until(page, 38);
+  await page.mouse.move(0, 0);
   await page.screenshot({ path: file });
+  console.log(`a picture: ${file}`);
 }
 
 async function killed() {
