@@ -1,7 +1,7 @@
 //! Samples for the eye: each bucket of 10 ticks keeps the lowest, the highest and the last value of each channel, so that no spike
 //! is lost; what is missing shows.
 
-use rt_core::Sample;
+use rt_core::{Sample, TargetKind};
 
 /// Ticks of a bucket.
 pub const TICKS: u64 = 10;
@@ -24,7 +24,7 @@ const fn channel(name: &'static str, label: &'static str, unit: &'static str, gr
 }
 
 /// Channels of a bucket.
-pub const COUNT: usize = 9;
+pub const COUNT: usize = 15;
 
 /// In the order of a bucket.
 pub const CHANNELS: [Channel; COUNT] = [
@@ -37,10 +37,18 @@ pub const CHANNELS: [Channel; COUNT] = [
     channel("brake_open", "brake open", "", "valves"),
     channel("bypass_open", "bypass open", "", "valves"),
     channel("lateness_us", "wake-up late by", "us", "timing"),
+    channel("reference_voltage_v", "voltage, wanted", "V", "voltage"),
+    channel("reference_angle_deg", "angle, wanted", "deg", "angle"),
+    channel("reference_pressure1_bar", "pressure 1, wanted", "bar", "pressure"),
+    channel("reference_pressure2_bar", "pressure 2, wanted", "bar", "pressure"),
+    channel("reference_pressure_difference_bar", "pressure 1 - 2, wanted", "bar", "pressure"),
+    channel("reference_flow_ml_s", "flow, wanted", "ml/s", "flow"),
 ];
 
 /// In the order of [`CHANNELS`].
 fn values(sample: &Sample) -> [f32; COUNT] {
+    let asked = TargetKind::of_code(sample.target_of);
+    let wanted = |kind: TargetKind| if asked == Some(kind) { sample.target as f32 } else { f32::NAN };
     [
         sample.voltage_v as f32,
         sample.angle_deg as f32,
@@ -51,6 +59,12 @@ fn values(sample: &Sample) -> [f32; COUNT] {
         f32::from(u8::from(sample.brake_open())),
         f32::from(u8::from(sample.bypass_open())),
         sample.lateness_ns as f32 * 1e-3,
+        wanted(TargetKind::Voltage),
+        wanted(TargetKind::Angle),
+        wanted(TargetKind::Pressure1),
+        wanted(TargetKind::Pressure2),
+        wanted(TargetKind::PressureDifference),
+        wanted(TargetKind::Flow),
     ]
 }
 
@@ -235,6 +249,21 @@ mod tests {
         let late = [sample(995, 1.0), Sample { flags: flags::LAST, ..sample(996, 1.0) }];
         assert_eq!(buckets(Decimator::default(), &late).1, 0);
         assert_eq!(buckets(Decimator::from_start(), &late).1, 995);
+    }
+
+    #[test]
+    fn a_reference_is_a_channel_of_its_kind_and_of_no_other() {
+        for (kind, ..) in TargetKind::LIST {
+            let asks = Sample { target: 3.5, target_of: kind.code(), ..sample(0, 1.0) };
+            let (out, _) = buckets(Decimator::from_start(), &[asks]);
+            let references =
+                CHANNELS.iter().zip(out[0].spans).filter(|(channel, _)| channel.name.starts_with("reference_"));
+            let with: Vec<_> = references.filter(|(_, span)| span.last == 3.5).map(|(channel, _)| *channel).collect();
+            assert_eq!(with.len(), 1, "{kind:?}");
+            assert_eq!(with[0].unit, kind.unit());
+        }
+        let (out, _) = buckets(Decimator::from_start(), &[sample(0, 1.0)]);
+        assert!(out[0].spans[9..].iter().all(|span| span.max.is_nan()), "nothing is asked for");
     }
 
     #[test]

@@ -10,6 +10,7 @@
 //! | [`buckets`], [`stream`], [`lateness`] | what clients get of them | |
 //! | [`described`] | what a run is | |
 //! | [`people`] | what a run asks people for | `people` |
+//! | [`line`] | stops to the run, over a channel that is kept open | `line` |
 //! | [`channel`] | commands over shared memory | `channel` |
 //! | [`web`] | HTTP | `web` |
 //! | [`board`] | what the threads know of each other | |
@@ -25,6 +26,7 @@ pub mod event_log;
 pub mod finished;
 pub mod lateness;
 pub mod library;
+pub mod line;
 pub mod monitor;
 pub mod notify;
 pub mod people;
@@ -105,7 +107,8 @@ pub fn serve(settings: Settings, progress: &Progress) -> Result<(), Failure> {
     let over = Arc::new(AtomicBool::new(false));
     let (to_supervisor, messages) = mpsc::channel();
 
-    let threads = Threads::start(&settings, &board, &over, &to_supervisor, {
+    let (line, orders) = mpsc::channel();
+    let threads = Threads::start(&settings, &board, &over, &to_supervisor, orders, {
         let web = Web {
             board: Arc::clone(&board),
             library: Arc::clone(&library),
@@ -135,13 +138,14 @@ pub fn serve(settings: Settings, progress: &Progress) -> Result<(), Failure> {
         library,
         board,
         messages,
-        to_self: to_supervisor,
+        line,
     };
     let cut_short = supervisor.work(&switches.stop, &mut notifier);
     over.store(true, Ordering::Relaxed);
     threads.join();
     if cut_short {
-        let message = "the service was ended while a run was under way; the run was stopped, and its outputs are zeroed";
+        let message =
+            "the service was ended while a run was under way; the run was stopped, and its outputs are zeroed";
         return Err(Failure::new(Kind::Interrupted, message));
     }
     Ok(())
@@ -190,7 +194,8 @@ fn hands(rig: &Rig) -> Hands {
 
 fn announce(address: SocketAddr, token: Option<&Token>, progress: &Progress) {
     // An address that stands for all of this machine's is called by the loopback's.
-    let called = if address.ip().is_unspecified() { SocketAddr::from(([127, 0, 0, 1], address.port())) } else { address };
+    let called =
+        if address.ip().is_unspecified() { SocketAddr::from(([127, 0, 0, 1], address.port())) } else { address };
     progress.result(&format!("listening on http://{address}/"));
     match token {
         None => progress.result("read-only: --control takes commands"),
@@ -210,6 +215,7 @@ impl Threads {
         board: &Arc<Board>,
         over: &Arc<AtomicBool>,
         to_supervisor: &mpsc::Sender<Message>,
+        orders: mpsc::Receiver<line::Order>,
         (web, listener, address): (Web, TcpListener, SocketAddr),
     ) -> Result<Threads, Failure> {
         let mut threads = Vec::new();
@@ -230,7 +236,8 @@ impl Threads {
                 channel::serve(&instance, &board_there, &to, &over_there, |outcome| drop(ready.send(outcome)));
             }),
         )?;
-        let served = is_ready.recv().map_err(|_| Failure::new(Kind::Internal, "thread \"channel\" ended at its start"))?;
+        let served =
+            is_ready.recv().map_err(|_| Failure::new(Kind::Internal, "thread \"channel\" ended at its start"))?;
         served.map_err(|error| Failure::of(Kind::Device, &error))?;
 
         let (instance, board_there, over_there, to) = parts();
@@ -241,6 +248,8 @@ impl Threads {
                 monitor::follow(&instance, &board_there, &over_there, |held| drop(to.send(Message::TripSeen(held))));
             }),
         )?;
+        let (instance, board_there, over_there, to) = parts();
+        start("line", Box::new(move || line::serve(&instance, &board_there, &orders, &to, &over_there)))?;
         let (instance, board_there, over_there, _) = parts();
         start("people", Box::new(move || people::watch(&instance, &board_there, &over_there)))?;
         let board_there = Arc::clone(board);

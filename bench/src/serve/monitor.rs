@@ -62,12 +62,7 @@ impl Ears {
     }
 }
 
-fn listen(
-    ears: &mut Ears,
-    board: &Board,
-    over: &AtomicBool,
-    trip_seen: &mut dyn FnMut(Held),
-) -> Result<(), LinkError> {
+fn listen(ears: &mut Ears, board: &Board, over: &AtomicBool, trip_seen: &mut dyn FnMut(Held)) -> Result<(), LinkError> {
     let mut heard = Vec::with_capacity(rt_core::subscribe::DRAIN_MAX);
     let mut followed: Option<Followed> = None;
     let mut first = true;
@@ -277,7 +272,8 @@ impl Followed {
     fn show(&mut self, board: &Board) {
         let missed = self.decimator.missed();
         if missed > self.told_missed {
-            let text = format!("{} samples did not reach the service; the recording has its own", missed - self.told_missed);
+            let text =
+                format!("{} samples did not reach the service; the recording has its own", missed - self.told_missed);
             self.told_missed = missed;
             board.note(Severity::Warning, "monitor", &text, Some((self.view.number, Some(self.view.time_s))));
         }
