@@ -114,7 +114,8 @@ fn a_queued_run_is_run_when_armed_shown_and_recorded() {
     assert!(run["step"]["text"].as_str().expect("words").contains(" V"), "{run}");
     assert_eq!(run["supervisor"], "ok");
     assert_eq!(state["link"]["valid"]["angle"], true, "{state}");
-    let own_clock_ms = jiff::Timestamp::now().as_millisecond() as f64;
+    let own_clock_ms =
+        std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).expect("after 1970").as_secs_f64() * 1e3;
     let due_ms = run["origin_utc_ms"].as_f64().expect("real time") + 1000.0 * run["time_s"].as_f64().expect("a number");
     assert!((own_clock_ms - due_ms).abs() < 60_000.0, "its clock is the wall's: {own_clock_ms} {due_ms}");
 
@@ -142,7 +143,11 @@ fn a_queued_run_is_run_when_armed_shown_and_recorded() {
     assert!(late.of_type("event").all(|event| event["number"].as_u64() >= Some(1)));
 
     let (_, runs) = service.get("/runs");
-    assert_eq!((&runs[0]["name"], &runs[0]["outcome"], &runs[0]["lossless"]), (&"short".into(), &"completed".into(), &true.into()), "{runs}");
+    assert_eq!(
+        (&runs[0]["name"], &runs[0]["outcome"], &runs[0]["lossless"]),
+        (&"short".into(), &"completed".into(), &true.into()),
+        "{runs}"
+    );
     assert_eq!(runs[0]["id"], state["last"]["id"]);
     let address = format!("http://{}", service.address);
     let mut page = ureq::get(format!("{address}{}", runs[0]["page"].as_str().expect("a path"))).call().expect("a page");
@@ -172,7 +177,11 @@ fn check_buckets(live: &Live, recorded: &[rt_core::Sample], run: u32) {
             of.iter().map(|sample| value(sample) as f32).fold(start, with)
         };
         let volts = |sample: &rt_core::Sample| sample.voltage_v;
-        let expected = [fold(f32::NAN, f32::min, volts), fold(f32::NAN, f32::max, volts), of.last().expect("samples").voltage_v as f32];
+        let expected = [
+            fold(f32::NAN, f32::min, volts),
+            fold(f32::NAN, f32::max, volts),
+            of.last().expect("samples").voltage_v as f32,
+        ];
         assert_eq!(bucket.spans[voltage], expected, "at {} s", bucket.t_s);
         let latest = fold(f32::NAN, f32::max, |sample| sample.lateness_ns as f64 * 1e-3);
         assert!((bucket.spans[lateness][1] - latest).abs() <= 1e-3 * latest.abs().max(1.0));

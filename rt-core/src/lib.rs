@@ -46,7 +46,7 @@ pub mod traits;
 pub mod types;
 
 pub use clock::{Clock, Lockstep, RealTime, Wake};
-pub use command_channel::{Answer, CommandServer, RunCommand, send_command};
+pub use command_channel::{Answer, CommandClient, CommandServer, RunCommand, send_command};
 pub use confirmation::{Amount, Confirmation, ConfirmationSlot, Refusal, Waiting};
 pub use cycle::{LoopError, OpenLoop, Run, Stages, run};
 pub use fault::{Fault, FaultKind};

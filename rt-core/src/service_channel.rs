@@ -324,11 +324,8 @@ impl ServiceServer {
         timeout: Duration,
         mut handle: impl FnMut(ServiceCommand) -> ServiceAnswer,
     ) -> Result<(), LinkError> {
-        let broken = |instance: &str, what, cause: String| LinkError::Transport {
-            instance: instance.to_owned(),
-            what,
-            cause,
-        };
+        let broken =
+            |instance: &str, what, cause: String| LinkError::Transport { instance: instance.to_owned(), what, cause };
         match self.listener.timed_wait(|_| (), timeout) {
             Ok(_) | Err(ListenerWaitError::InterruptSignal) => {}
             Err(error) => return Err(broken(&self.instance, "waiting for a command", error.to_string())),
@@ -448,7 +445,9 @@ mod tests {
         assert_eq!(ServiceServer::open(&instance).err(), Some(LinkError::InUse { instance: instance.clone() }));
         let client = {
             let instance = instance.clone();
-            std::thread::spawn(move || commands().iter().map(|c| send_service_command(&instance, c, patience)).collect())
+            std::thread::spawn(move || {
+                commands().iter().map(|c| send_service_command(&instance, c, patience)).collect()
+            })
         };
         let mut heard = Vec::new();
         while !client.is_finished() {

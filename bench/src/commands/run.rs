@@ -16,6 +16,7 @@ use crate::timing::Timing;
 use profiles::{BUILTIN, Context, EXAMPLES, Script};
 use rt_core::{CommandServer, Switches};
 use rustix::process::{Signal, getppid, set_parent_process_death_signal};
+use rustix::thread::set_name;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -204,6 +205,8 @@ pub(crate) fn free_file(folder: &Path, name: &str) -> PathBuf {
 /// From here on the end of the parent's thread that started this process stops the run.
 fn end_with(parent: i32) -> Result<(), Failure> {
     let failed = |what: String| Failure::new(Kind::Internal, format!("--with-parent {parent}: {what}"));
+    // Begun through a link of the system, it would bear the link's name. A name is no reason to fail.
+    let _ = set_name(c"bench");
     // Asked for by this process itself: what a parent asks for is forgotten when a program with capabilities is begun.
     set_parent_process_death_signal(Some(Signal::TERM))
         .map_err(|error| failed(format!("expected a signal at its end, got \"{error}\"")))?;

@@ -57,9 +57,8 @@ pub fn read_only() -> Refusal {
 }
 
 fn answered(board: &Board, answer: Answer) -> ServiceAnswer {
-    let run = board.watched(|watched| {
-        watched.run.as_ref().filter(|run| !run.ended).map(|run| (u64::from(run.number), run.tick))
-    });
+    let run = board
+        .watched(|watched| watched.run.as_ref().filter(|run| !run.ended).map(|run| (u64::from(run.number), run.tick)));
     board.desk(|desk| {
         let service = &desk.service;
         let state = ServiceState::ALL.into_iter().find(|state| state.as_str() == service.state);

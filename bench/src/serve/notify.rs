@@ -48,10 +48,13 @@ impl Notifier {
 
     /// To be called by the supervision of the runs while it works: says so, where sample thread and HTTP side work, too.
     pub fn alive(&mut self, board: &Board) {
-        let due = self.interval.is_some_and(|interval| self.told.elapsed() >= interval);
-        if due && board.samples_beat.is_alive() && board.web_beat.is_alive() {
+        if self.is_due() && all_alive(board) {
             self.tell(&[NotifyState::Watchdog]);
         }
+    }
+
+    fn is_due(&self) -> bool {
+        self.interval.is_some_and(|interval| self.told.elapsed() >= interval)
     }
 
     /// The service ends.
@@ -64,5 +67,41 @@ impl Notifier {
         if self.told.elapsed() >= EVERY.min(self.interval.unwrap_or(EVERY)) {
             self.tell(&[NotifyState::ExtendTimeoutUsec(MORE_TIME_US), NotifyState::Watchdog]);
         }
+    }
+}
+
+/// The other threads that must work.
+fn all_alive(board: &Board) -> bool {
+    board.samples_beat.is_alive() && board.web_beat.is_alive()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::serve::view;
+    use rt_core::Limits;
+
+    #[test]
+    fn a_part_that_is_silent_is_not_spoken_for() {
+        let service = view::Service {
+            state: "idle",
+            instance: "test".to_owned(),
+            version: String::new(),
+            rig: String::new(),
+            device: "emulated",
+            control: false,
+            started_utc: String::new(),
+            armed_left_s: None,
+            trip: None,
+            limits: (&Limits::default()).into(),
+        };
+        let board = Board::new(service, std::sync::Arc::default());
+        assert!(!all_alive(&board), "nobody has said anything yet");
+        board.samples_beat.beat();
+        assert!(!all_alive(&board), "the HTTP side has not");
+        board.web_beat.beat();
+        assert!(all_alive(&board));
+        let nobody_asks = Notifier { interval: None, told: Instant::now(), failed: false };
+        assert!(!nobody_asks.is_due());
     }
 }

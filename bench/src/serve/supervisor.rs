@@ -5,13 +5,14 @@ use super::board::{Board, OwnRun};
 use super::described::Described;
 use super::event_log::{Severity, utc_now};
 use super::library::Library;
+use super::line;
 use super::notify::Notifier;
 use super::process::{Common, Ended, Line, Order, RunProcess};
 use super::state::{Desk, Effect, Held, Input, Outcome, Queued, Refusal};
 use super::view;
 use crate::commands::run::free_file;
 use profiles::{Context, Hands};
-use rt_core::{RunCommand, ServiceCommand, ServiceState, send_command};
+use rt_core::{RunCommand, ServiceCommand, ServiceState};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -22,8 +23,6 @@ use tokio::sync::oneshot;
 
 /// Between two looks after the run's process.
 const LOOK: Duration = Duration::from_millis(25);
-/// The run hears a stop within a tick; this long its answer may take.
-const PATIENCE: Duration = Duration::from_secs(3);
 
 /// The way by which a command came, for the events.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -73,8 +72,8 @@ pub struct Supervisor {
     pub board: Arc<Board>,
     /// From the others.
     pub messages: Receiver<Message>,
-    /// To itself, from the threads that speak to a run.
-    pub to_self: Sender<Message>,
+    /// To the thread that speaks to a run.
+    pub line: Sender<line::Order>,
 }
 
 /// While it works.
@@ -90,8 +89,7 @@ impl Supervisor {
     /// Works until `stop` is set, then ends the run that is under way and waits for its end. Says whether it cut one short.
     pub fn work(self, stop: &AtomicBool, notifier: &mut Notifier) -> bool {
         let desk = Desk::new(Arc::clone(&self.board.numbers));
-        let mut work =
-            Work { setup: self, desk, run: None, begun: Instant::now(), tripped_utc: String::new() };
+        let mut work = Work { setup: self, desk, run: None, begun: Instant::now(), tripped_utc: String::new() };
         while !stop.load(Ordering::Relaxed) {
             work.pass();
             notifier.alive(&work.setup.board);
@@ -109,7 +107,7 @@ impl Work {
         match self.setup.messages.recv_timeout(LOOK) {
             Ok(message) => self.hear(message),
             Err(RecvTimeoutError::Timeout) => {}
-            // This very struct holds a sender.
+            // The others are gone: what is under way is still looked after.
             Err(RecvTimeoutError::Disconnected) => thread::sleep(LOOK),
         }
         self.look_after_run();
@@ -224,22 +222,15 @@ impl Work {
         Ok(())
     }
 
-    /// The run, whosever it is. From a thread of its own: the answer may take its time, and nothing here must wait for it.
+    /// The run, whosever it is.
     fn tell_run(&mut self, command: RunCommand) {
         let own = self.run.as_mut().map(|run| {
             run.stop_asked();
             run.order.number
         });
-        let (instance, to_self) = (self.setup.common.instance.clone(), self.setup.to_self.clone());
-        let tell = move || {
-            if let (Err(error), Some(number)) = (send_command(&instance, command, PATIENCE), own) {
-                // A supervisor that is gone has ended its run.
-                let _ = to_self.send(Message::Unheard(number, error.to_string()));
-            }
-        };
-        let spawned = thread::Builder::new().name("stop".to_owned()).spawn(tell);
-        if let (Err(error), Some(number)) = (spawned, own) {
-            self.hear(Message::Unheard(number, error.to_string()));
+        // A line that is gone is as good as one that is not answered.
+        if let (Err(_), Some(number)) = (self.setup.line.send((command, own)), own) {
+            self.hear(Message::Unheard(number, "the service's own thread for it has ended".to_owned()));
         }
     }
 
@@ -249,9 +240,8 @@ impl Work {
         let of_run = Some((run.order.number, None));
         for (from, line) in run.lines() {
             match (from, line.strip_prefix("error: ")) {
-                // Results stand in the recording and are said at the end.
-                (Line::Stdout, _) => {}
-                (Line::Stderr, Some(error)) => board.note(Severity::Error, "run", error, of_run),
+                // Results stand in the recording; they and an error are said at the end.
+                (Line::Stdout, _) | (Line::Stderr, Some(_)) => {}
                 (Line::Stderr, None) => board.note(Severity::Info, "run", &line, of_run),
             }
         }

@@ -49,7 +49,8 @@ impl Token {
         let secret = text.trim().to_owned();
         let plain = |byte: u8| byte.is_ascii_graphic();
         if secret.len() < SHORTEST || !secret.bytes().all(plain) {
-            let what = format!("expected at least {SHORTEST} printable ASCII characters without spaces; make a new one");
+            let what =
+                format!("expected at least {SHORTEST} printable ASCII characters without spaces; make a new one");
             return Err(wrong(what));
         }
         Ok(Token { secret, file: file.to_owned(), drawn: false })
@@ -114,7 +115,8 @@ fn runtime_folder() -> std::io::Result<PathBuf> {
     // Among the temporary files anybody may have made it.
     let metadata = fs::symlink_metadata(&folder)?;
     if !metadata.is_dir() || metadata.uid() != user || metadata.mode() & 0o077 != 0 {
-        let what = format!("{}: expected a folder of this user that nobody else may enter; remove it", folder.display());
+        let what =
+            format!("{}: expected a folder of this user that nobody else may enter; remove it", folder.display());
         return Err(std::io::Error::other(what));
     }
     Ok(folder)

@@ -250,7 +250,8 @@ impl Live {
         stream.set_read_timeout(Some(Duration::from_millis(50))).expect("a socket");
         // The handshake may take longer than one look.
         stream.set_read_timeout(Some(PATIENCE)).expect("a socket");
-        let (socket, _) = tungstenite::client(request, MaybeTlsStream::Plain(stream)).map_err(|error| error.to_string())?;
+        let (socket, _) =
+            tungstenite::client(request, MaybeTlsStream::Plain(stream)).map_err(|error| error.to_string())?;
         let mut live = Live { socket, channels: Vec::new(), texts: Vec::new(), buckets: Vec::new() };
         let Message::Text(hello) = live.socket.read().map_err(|error| error.to_string())? else {
             return Err("expected a text first".to_owned());
@@ -317,9 +318,8 @@ impl Live {
         for bucket in 0..n {
             let at = 16 + 8 * bucket;
             let t_s = f64::from_le_bytes(bytes[at..at + 8].try_into().expect("8 bytes"));
-            let span = |channel: usize| {
-                [0, 1, 2].map(|part| float(16 + 8 * n + 4 * (n * (3 * channel + part) + bucket)))
-            };
+            let span =
+                |channel: usize| [0, 1, 2].map(|part| float(16 + 8 * n + 4 * (n * (3 * channel + part) + bucket)));
             self.buckets.push(Bucket { run, t_s, spans: (0..m).map(span).collect() });
         }
     }

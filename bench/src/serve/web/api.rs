@@ -146,7 +146,8 @@ pub async fn recording(State(shared): Web, Path(id): Path<String>) -> Answer {
     };
     let body = Body::from_stream(Pieces(pieces.1));
     let quoted: String = name.chars().filter(|c| c.is_ascii_graphic() && !matches!(c, '"' | '\\')).collect();
-    let disposition = HeaderValue::from_str(&format!("attachment; filename=\"{quoted}\"")).map_err(Refused::internal)?;
+    let disposition =
+        HeaderValue::from_str(&format!("attachment; filename=\"{quoted}\"")).map_err(Refused::internal)?;
     let mut response = body.into_response();
     let headers = response.headers_mut();
     headers.insert(CONTENT_TYPE, HeaderValue::from_static("application/octet-stream"));

@@ -21,7 +21,9 @@ use axum::Router;
 use axum::extract::DefaultBodyLimit;
 use axum::middleware::{from_fn, from_fn_with_state};
 use axum::routing::{any, delete, get, post};
+use axum::serve::ListenerExt;
 use guard::Names;
+use rustix::net::sockopt::set_socket_send_buffer_size;
 use std::net::{SocketAddr, TcpListener};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -30,6 +32,8 @@ use std::time::Duration;
 
 /// Bytes of a request's body at most.
 const BODY_MOST: usize = 16 * 1024;
+/// Bytes for a client that lie in the system at most; the system takes twice this.
+const SEND_BUFFER: usize = 64 * 1024;
 /// Between two signs of life.
 const BEAT: Duration = Duration::from_millis(250);
 
@@ -84,6 +88,14 @@ pub fn serve(web: Web, listener: TcpListener, address: SocketAddr) -> std::io::R
                 tokio::time::sleep(BEAT).await;
             }
         };
+        // Small frames go out at once, and few of them lie in the system for a client that takes none: what it gets then is not old.
+        let listener = listener.tap_io(|client| {
+            let set = client.set_nodelay(true);
+            let set = set.and_then(|()| Ok(set_socket_send_buffer_size(&*client, SEND_BUFFER)?));
+            if let Err(error) = set {
+                tracing::debug!(%error, "options of a client's socket");
+            }
+        });
         let serving = axum::serve(listener, router(shared));
         tokio::select! {
             outcome = async { serving.await } => outcome,
