@@ -19,7 +19,7 @@ import { uPlot } from "./uplot.js";
 const GROUPS = {
   pressure: { title: "Pressure", share: 3, least: 0.1 },
   angle: { title: "Angle", share: 2.4, least: 1 },
-  difference: { title: "Pressure difference", share: 1.6, least: 0.1 },
+  difference: { title: "p1 − p2", share: 1.6, least: 0.1 },
   flow: { title: "Flow", share: 1.4, least: 1 },
   torque: { title: "Torque", share: 1.6, least: 1 },
   voltage: { title: "Voltage", share: 1.6, least: 2 },
