@@ -219,10 +219,10 @@ class TimePlot {
       series: [{}, ...this.channels.map((channel, i) => {
         const colour = colourOf(theme, channel.name);
         return isReference(channel)
-          ? { stroke: theme.ink, width: 1.5, dash: [7, 5], points: { show: false }, paths: this.line(channel.index) }
+          ? { stroke: theme.ink, width: 1.25, dash: [6, 6], points: { show: false }, paths: this.line(channel.index) }
           : lanes
             ? { fill: colour, width: 0, points: { show: false }, paths: this.lane(channel.index, i) }
-            : { stroke: colour, fill: translucent(colour), width: 1.5, points: { show: false }, paths: this.bandAndLine(channel.index) };
+            : { stroke: colour, fill: translucent(colour), width: 1.75, points: { show: false }, paths: this.bandAndLine(channel.index) };
       })],
       hooks: { setCursor: [() => this.readOut()] },
     }, [[0, 1], ...this.channels.map(() => [null, null])], figure);
