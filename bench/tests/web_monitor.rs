@@ -81,11 +81,10 @@ fn listen(stream: impl Read + Send + 'static, sender: Sender<String>) {
     });
 }
 
-/// A service of this test alone, with the address that it prints.
+/// A service of this test alone, with the address that it prints. Its profiles are written already.
 fn serve(dir: &Path, name: &str, more: &[&str]) -> (Running, String) {
     let path = |name: &str| dir.join(name).display().to_string();
     let instance = format!("test-web-{name}-{}", std::process::id());
-    fs::create_dir_all(dir.join("profiles")).unwrap();
     fs::create_dir_all(dir.join("data")).unwrap();
     let (profiles, data) = (path("profiles"), path("data"));
     let usual = ["--listen", "127.0.0.1:0", "--profiles", &profiles, "--data", &data, "--instance", &instance];
@@ -205,6 +204,7 @@ fn without_fixture(file: &Path) {
 fn a_read_only_service_offers_no_controls_and_says_how_to_have_them() {
     let Some(peers) = peers() else { return };
     let dir = tempfile::tempdir().unwrap();
+    moving_profile(dir.path());
     let (_service, address) = serve(dir.path(), "read-only", &[]);
     script("read_only.js", &peers, &[("MONITOR_ADDRESS", &address)]);
 }
@@ -225,5 +225,6 @@ fn decoding_decimation_and_formats_hold_their_promises() {
 fn the_page_s_modules_pass_the_type_checker() {
     let Some(peers) = peers() else { return };
     let compiler = peers.packages.join("node_modules/typescript/bin/tsc");
-    browser::run(Command::new("node").arg(compiler).arg("--project").arg(scripts())).unwrap_or_else(|told| panic!("{told}"));
+    browser::run(Command::new("node").arg(compiler).arg("--project").arg(scripts()))
+        .unwrap_or_else(|told| panic!("{told}"));
 }

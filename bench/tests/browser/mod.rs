@@ -64,7 +64,9 @@ fn or_say<T>(found: Result<T, String>) -> Option<T> {
 /// The first of these programs that is on the path.
 fn program(names: &[&str]) -> Result<PathBuf, String> {
     let path = std::env::var_os("PATH").unwrap_or_default();
-    let found = names.iter().find_map(|name| std::env::split_paths(&path).map(|dir| dir.join(name)).find(|file| file.is_file()));
+    let found = names
+        .iter()
+        .find_map(|name| std::env::split_paths(&path).map(|dir| dir.join(name)).find(|file| file.is_file()));
     found.ok_or_else(|| format!("none of {} is on the path", names.join(", ")))
 }
 
