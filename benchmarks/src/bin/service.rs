@@ -64,7 +64,11 @@ fn measured() -> Result<bool, Box<dyn Error>> {
     let lateness = lateness(&run)?;
     let p99 = |slices: &[(f64, f64)]| median(slices.iter().filter_map(|slice| of_slice(&lateness, *slice)).collect());
     let (alone, crowded) = (p99(&without), p99(&with));
-    println!("slices of {SLICE_S} s: {} with none, {} with {CLIENTS} clients and {SUBSCRIBERS} subscribers", without.len(), with.len());
+    println!(
+        "slices of {SLICE_S} s: {} with none, {} with {CLIENTS} clients and {SUBSCRIBERS} subscribers",
+        without.len(),
+        with.len()
+    );
     println!("  lateness, median of the slices' p99: {alone:.1} us with none, {crowded:.1} us with all");
     let mut reached = true;
     let mut say = |name: &str, figure: f64, target: Target| {
