@@ -158,7 +158,7 @@ impl Decimator {
                         out(Bucket::empty(before.index + 1));
                     }
                 }
-                let holed = gap > 0 && sample.tick % TICKS != 0;
+                let holed = gap > 0 && !sample.tick.is_multiple_of(TICKS);
                 Open { index, bucket: Bucket::empty(index), last_tick: sample.tick, holed }
             }
         };

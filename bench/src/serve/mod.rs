@@ -201,7 +201,10 @@ fn announce(address: SocketAddr, token: Option<&Token>, progress: &Progress) {
         None => progress.result("read-only: --control takes commands"),
         Some(token) => {
             progress.result(&format!("token: {}", token.file.display()));
-            progress.result(&format!("open http://{called}/#token={}", token.reveal()));
+            // A journal is kept, and read by others.
+            if std::env::var_os("JOURNAL_STREAM").is_none() {
+                progress.result(&format!("open http://{called}/#token={}", token.reveal()));
+            }
         }
     }
 }
@@ -241,13 +244,14 @@ impl Threads {
         served.map_err(|error| Failure::of(Kind::Device, &error))?;
 
         let (instance, board_there, over_there, to) = parts();
-        start(
-            "samples",
-            Box::new(move || {
-                // A supervision that is gone needs no word.
-                monitor::follow(&instance, &board_there, &over_there, |held| drop(to.send(Message::TripSeen(held))));
-            }),
-        )?;
+        let control = settings.control;
+        let trip_seen = move |held| {
+            // A service that starts nothing has nothing to hold. A supervision that is gone needs no word.
+            if control {
+                let _ = to.send(Message::TripSeen(held));
+            }
+        };
+        start("samples", Box::new(move || monitor::follow(&instance, &board_there, &over_there, trip_seen)))?;
         let (instance, board_there, over_there, to) = parts();
         start("line", Box::new(move || line::serve(&instance, &board_there, &orders, &to, &over_there)))?;
         let (instance, board_there, over_there, _) = parts();

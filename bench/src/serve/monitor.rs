@@ -70,28 +70,26 @@ fn listen(ears: &mut Ears, board: &Board, over: &AtomicBool, trip_seen: &mut dyn
     while !over.load(Ordering::Relaxed) {
         board.samples_beat.beat();
         ears.announcements.hear()?;
+        // Before the samples: where it is none, everything that a run of the queue published is among them.
         let own = board.own();
-        follow_own(&mut followed, own.as_ref(), board);
         heard.clear();
         while ears.samples.drain(&mut heard)? > 0 {}
         // Certificates are the loggers' business; here they would only pile up.
         while ears.samples.take_certificate().is_some() {}
         for sample in &heard {
-            let next = match followed.take() {
-                Some(run) if run.continues_with(sample) => run,
-                before => {
-                    if let Some(mut before) = before {
-                        before.end(board, None);
-                    }
-                    Followed::foreign(board, sample, first)
-                }
-            };
-            followed = Some(next);
+            if own.as_ref().is_some_and(|own| own.number == sample.run) {
+                follow_own(&mut followed, own.as_ref(), board);
+            }
+            if !followed.as_ref().is_some_and(|run| run.continues_with(sample)) {
+                end(&mut followed, board);
+                followed = Some(Followed::foreign(board, sample, first));
+            }
             first = false;
             if let Some(run) = &mut followed {
                 run.take(sample, board, trip_seen);
             }
         }
+        follow_own(&mut followed, own.as_ref(), board);
         if let Some(run) = &mut followed {
             run.describe(&mut ears.announcements, board)?;
             run.judge_silence(&ears.instance, board)?;
@@ -114,17 +112,17 @@ fn follow_own(followed: &mut Option<Followed>, own: Option<&Arc<OwnRun>>, board:
     let followed_own = followed.as_ref().filter(|run| run.view.own).map(|run| run.view.number);
     match own {
         Some(own) if followed_own != Some(own.number) => {
-            if let Some(run) = followed {
-                run.end(board, None);
-            }
+            end(followed, board);
             *followed = Some(Followed::own(board, own));
         }
-        None => {
-            if let Some(run) = followed.as_mut().filter(|run| run.view.own) {
-                run.end(board, None);
-            }
-        }
-        Some(_) => {}
+        None if followed_own.is_some() => end(followed, board),
+        Some(_) | None => {}
+    }
+}
+
+fn end(followed: &mut Option<Followed>, board: &Board) {
+    if let Some(run) = followed {
+        run.end(board, None);
     }
 }
 
