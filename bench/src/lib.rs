@@ -19,6 +19,7 @@ pub mod latency;
 pub mod logger;
 pub mod look;
 pub mod machine;
+pub mod monitor;
 pub mod next;
 pub mod operator;
 pub mod progress;

@@ -16,6 +16,7 @@ mod import;
 mod info;
 mod latency;
 mod ls;
+mod monitor;
 mod profile;
 mod record;
 mod recover;
@@ -59,6 +60,7 @@ enum Command {
     Latency(latency::Args),
     Doctor(doctor::Args),
     Emulate(emulate::Args),
+    Monitor(monitor::Args),
     Ls(ls::Args),
     Info(info::Args),
     Export(export::Args),
@@ -86,6 +88,7 @@ pub fn run(cli: &Cli, progress: &Progress) -> Result<(), Failure> {
         Command::Latency(args) => latency::run(args, progress),
         Command::Doctor(args) => doctor::run(args, progress),
         Command::Emulate(args) => emulate::run(args, progress),
+        Command::Monitor(args) => monitor::run(args, progress),
         Command::Ls(args) => ls::run(args, progress),
         Command::Info(args) => info::run(args, progress),
         Command::Export(args) => export::run(args, progress),
