@@ -12,6 +12,7 @@ pub mod emulation;
 pub mod events;
 pub mod exchange;
 pub mod failure;
+pub mod foxglove_bridge;
 pub mod incident;
 pub mod interrupt;
 pub mod keyboard;

@@ -11,6 +11,7 @@ mod diagnose_plant;
 mod doctor;
 mod emulate;
 mod export;
+mod foxglove;
 mod identify;
 mod import;
 mod info;
@@ -61,6 +62,7 @@ enum Command {
     Doctor(doctor::Args),
     Emulate(emulate::Args),
     Monitor(monitor::Args),
+    Foxglove(foxglove::Args),
     Ls(ls::Args),
     Info(info::Args),
     Export(export::Args),
@@ -89,6 +91,7 @@ pub fn run(cli: &Cli, progress: &Progress) -> Result<(), Failure> {
         Command::Doctor(args) => doctor::run(args, progress),
         Command::Emulate(args) => emulate::run(args, progress),
         Command::Monitor(args) => monitor::run(args, progress),
+        Command::Foxglove(args) => foxglove::run(args, progress),
         Command::Ls(args) => ls::run(args, progress),
         Command::Info(args) => info::run(args, progress),
         Command::Export(args) => export::run(args, progress),

@@ -64,12 +64,17 @@ fn failed(what: &str, error: &io::Error) -> Failure {
 }
 
 /// While it lives, the terminal is the monitor's. A panic gives it back, too, before its message.
-struct Screen {
-    terminal: DefaultTerminal,
+pub struct Screen {
+    /// To draw on.
+    pub terminal: DefaultTerminal,
 }
 
 impl Screen {
-    fn open() -> io::Result<Screen> {
+    /// Takes the terminal of stdout.
+    ///
+    /// # Errors
+    /// It can't be had; it is as it was then.
+    pub fn open() -> io::Result<Screen> {
         match ratatui::try_init() {
             Ok(terminal) => Ok(Screen { terminal }),
             Err(error) => {

@@ -24,7 +24,7 @@ const FIRST_WINDOW: usize = 3;
 /// Narrower, and there is no room for curves beside the values.
 const WITH_PLOTS: u16 = 66;
 /// Columns of the values.
-const VALUES: u16 = 36;
+const VALUES: u16 = 38;
 /// Lower, and there is no room for anything but the head.
 const WITH_BODY: u16 = 8;
 /// Lower, and there is no room for happenings.

@@ -21,7 +21,7 @@ pub(super) fn timing<'a>(state: &State, run: &Followed) -> Vec<Line<'a>> {
     };
     let overruns = state.timing.summary().map_or(0, |summary| summary.overruns);
     let second = format!(
-        "{} samples, {} missed here; {overruns} overruns, {} ticks skipped; drivers heard {} ago",
+        "{} samples, {} missed here; overruns {overruns}, ticks skipped {}; drivers heard {} ago",
         run.received,
         run.missed,
         run.newest.skipped,
@@ -45,7 +45,7 @@ pub(super) fn happenings(frame: &mut Frame<'_>, area: Rect, state: &State, theme
     if area.height == 0 {
         return;
     }
-    let block = Block::new().borders(Borders::TOP).title("happenings");
+    let block = Block::new().borders(Borders::TOP).title(" happenings ");
     let rows = usize::from(block.inner(area).height);
     let line = |h: &&crate::monitor::happenings::Happening| {
         let style = theme.said(h.severity);

@@ -88,8 +88,8 @@ fn everything_that_matters_fits_80_by_24() {
             "•• asked for",
             "⠒⠒ measured",
             "pressures, bar",
-            "lateness p50 73 us, p99 121 us, max 122 us",
-            "12346 samples, 0 missed here; 0 overruns, 0 ticks skipped",
+            "lateness p50 72 us, p99 121 us, max 122 us",
+            "12346 samples, 0 missed here; overruns 0, ticks skipped 0",
             "run 3 begins",
             " q  quit",
         ],
@@ -121,10 +121,8 @@ fn every_situation_is_said_in_the_first_line() {
         let state = followed(begin, change);
         text(&state, begin + Duration::from_millis(after_ms), 100, 24).swap_remove(0)
     };
-    assert!(
-        first(|s| s.flags |= flags::WAITING, 0).starts_with("  WAITS  for the people at the rig")
-            || first(|s| s.flags |= flags::WAITING, 0).starts_with(" WAITS  for the people at the rig")
-    );
+    let waits = first(|s| s.flags |= flags::WAITING, 0);
+    assert!(waits.contains("WAITS  for the people at the rig"), "{waits}");
     let tripped = first(|s| (s.flags, s.trip) = (flags::TRIPPED, 1 | 2 << 8), 0);
     assert!(tripped.contains("TRIPPED  pressure 1 above its limit"), "{tripped}");
     let ended = first(|s| s.flags |= flags::LAST, 5_000);
@@ -157,7 +155,7 @@ fn values_that_can_not_be_trusted_and_flags_are_marked_in_words() {
     let lines = text(&state, begin, 80, 24);
     assert_shows(
         &lines,
-        &["called wrong", "> 4 s old", "overrun slew-limited", "! deadline missed, 0 ticks skipped", "1 overruns"],
+        &["2.500 bar WRONG", "> 4 s old", "overrun slew-limited", "! deadline missed, 0 ticks skipped", "overruns 1, "],
     );
 }
 

@@ -95,7 +95,7 @@ fn input_line<'a>(
         (false, false) => theme.strong(),
     };
     let (remark, remark_style) = if wrong {
-        ("called wrong".to_owned(), theme.said(Severity::Error))
+        ("WRONG".to_owned(), theme.said(Severity::Error))
     } else if value.is_finite() {
         (age(sample.age_ns[input as usize]), theme.quiet())
     } else {
@@ -111,7 +111,8 @@ fn age(age_ns: u32) -> String {
     match age_ns {
         0 => String::new(),
         u32::MAX => "> 4 s old".to_owned(),
-        ns => format!("{:.1} ms old", f64::from(ns) * 1e-6),
+        0..100_000_000 => format!("{:.1} ms old", f64::from(age_ns) * 1e-6),
+        _ => format!("{:.1} s old", f64::from(age_ns) * 1e-9),
     }
 }
 
