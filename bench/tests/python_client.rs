@@ -83,7 +83,16 @@ impl Client {
         let copied = Command::new("cp").arg("-r").arg(&source).arg(&copy).status().unwrap();
         assert!(copied.success());
         let output = Command::new(&python)
-            .args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-build-isolation", "--no-deps", "--target"])
+            .args([
+                "-m",
+                "pip",
+                "install",
+                "--quiet",
+                "--disable-pip-version-check",
+                "--no-build-isolation",
+                "--no-deps",
+                "--target",
+            ])
             .arg(dir.path().join("site"))
             .arg(&copy)
             .output()
@@ -94,7 +103,10 @@ impl Client {
 
     fn command(&self) -> Command {
         let mut command = Command::new(&self.python);
-        command.env("PYTHONPATH", self.dir.path().join("site")).env("PYTHONDONTWRITEBYTECODE", "1").stdin(Stdio::null());
+        command
+            .env("PYTHONPATH", self.dir.path().join("site"))
+            .env("PYTHONDONTWRITEBYTECODE", "1")
+            .stdin(Stdio::null());
         command
     }
 
@@ -168,8 +180,9 @@ fn it_gets_every_sample_of_a_run_without_a_gap_and_every_field_as_recorded() {
     let dir = tempfile::tempdir().unwrap();
     let instance = format!("test-python-client-{}", std::process::id());
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python_client/follow.py");
-    let mut follows =
-        Running(client.command().arg(script).arg(&instance).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap());
+    let mut follows = Running(
+        client.command().arg(script).arg(&instance).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap(),
+    );
     let mut told = BufReader::new(follows.0.stdout.take().unwrap());
     let mut line = String::new();
     told.read_line(&mut line).unwrap();
@@ -181,14 +194,17 @@ fn it_gets_every_sample_of_a_run_without_a_gap_and_every_field_as_recorded() {
     // The examples beside it, as a person starts them.
     let csv = dir.path().join("run.csv");
     let examples = [
-        client.example("print_values.py").args(["--instance", &instance, "--timeout-s", "120"]).stdout(Stdio::piped()).spawn(),
+        client
+            .example("print_values.py")
+            .args(["--instance", &instance, "--timeout-s", "120"])
+            .stdout(Stdio::piped())
+            .spawn(),
         client.example("to_csv.py").args(["--instance", &instance, "--timeout-s", "120", "--out"]).arg(&csv).spawn(),
     ];
     // Read while the run goes on, or the pipe fills up.
     let reader = std::thread::spawn(move || told.lines().map(Result::unwrap).collect::<Vec<String>>());
     let recording = run(dir.path(), &instance);
-    let mut lines: Vec<Value> =
-        reader.join().unwrap().iter().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let mut lines: Vec<Value> = reader.join().unwrap().iter().map(|line| serde_json::from_str(line).unwrap()).collect();
     let end = lines.pop().unwrap();
 
     let recorded = samples(&recording);
@@ -211,7 +227,10 @@ fn it_gets_every_sample_of_a_run_without_a_gap_and_every_field_as_recorded() {
         // They may have come after the first samples; then they say so.
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
         let text = String::from_utf8_lossy(&output.stdout);
-        assert!(text.is_empty() || (text.contains("asked for 7.500 V (voltage)") && text.contains(" samples")), "{text}");
+        assert!(
+            text.is_empty() || (text.contains("asked for 7.500 V (voltage)") && text.contains(" samples")),
+            "{text}"
+        );
     }
     let csv = std::fs::read_to_string(csv).unwrap();
     let last: Vec<&str> = csv.lines().last().unwrap().split(',').collect();
@@ -225,7 +244,8 @@ fn silence_and_a_bad_instance_are_errors_that_say_what_to_do() {
     let Some(client) = Client::install() else { return };
     let instance = format!("test-python-silence-{}", std::process::id());
     let fails = |instance: &str| {
-        let output = client.example("print_values.py").args(["--instance", instance, "--timeout-s", "0.2"]).output().unwrap();
+        let output =
+            client.example("print_values.py").args(["--instance", instance, "--timeout-s", "0.2"]).output().unwrap();
         assert!(!output.status.success());
         String::from_utf8_lossy(&output.stderr).into_owned()
     };
