@@ -43,6 +43,8 @@ pub enum BridgeError {
 pub struct Bridge {
     server: Option<WebSocketServerHandle>,
     samples: Arc<RawChannel>,
+    /// Dropped, it takes its channels with it, and clients would be told of none.
+    _context: Arc<Context>,
     announcements: Announcements,
     subscriber: SampleSubscriber,
     /// The run that is forwarded, and the wall's time of its tick 0, ns since 1970.
@@ -82,7 +84,8 @@ impl Bridge {
             .message_backlog_size(BACKLOG)
             .start_blocking()
             .map_err(|source| BridgeError::Listen { address, source })?;
-        Ok(Bridge { server: Some(server), samples, announcements, subscriber, run: None, message: Vec::new() })
+        let (server, run, message) = (Some(server), None, Vec::new());
+        Ok(Bridge { server, samples, _context: context, announcements, subscriber, run, message })
     }
 
     /// The port that is listened at.

@@ -175,6 +175,33 @@ fn the_layout_in_python_is_that_of_the_service() {
 }
 
 #[test]
+fn the_documented_layout_is_that_of_the_service() {
+    let document = include_str!("../../docs/CLIENTS.md");
+    let (_, table) = document.split_once("\n## The sample\n").unwrap();
+    let mut end = 0;
+    for (name, offset, size, value) in fields(Sample::BLANK) {
+        let kind = match (size, value) {
+            (20, _) => "u32 x 5",
+            (4, _) => "u32",
+            (8, Value::Number(_)) => "u64",
+            _ => "f64",
+        };
+        let row = format!("\n| {offset} | {kind} | `{name}` |");
+        assert_eq!(table.matches(&row).count(), 1, "docs/CLIENTS.md lacks: {row}");
+        end = offset + size;
+    }
+    assert_eq!(end, size_of::<Sample>());
+    assert!(table.contains(&format!(
+        "version {}, {end} bytes, alignment {}",
+        rt_core::SAMPLE_VERSION,
+        align_of::<Sample>()
+    )));
+    for (kind, name, unit) in TargetKind::LIST {
+        assert!(table.contains(&format!("{} {name}, {unit}", kind.code())), "{name}");
+    }
+}
+
+#[test]
 fn it_gets_every_sample_of_a_run_without_a_gap_and_every_field_as_recorded() {
     let Some(client) = Client::install() else { return };
     let dir = tempfile::tempdir().unwrap();
