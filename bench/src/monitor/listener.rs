@@ -37,7 +37,7 @@ impl Listener {
         Ok(Listener { announcements, subscriber, samples, nameless: None, asked: None })
     }
 
-    /// Brings the state up to now; does not wait.
+    /// Brings the state up to now; waits a millisecond at most.
     ///
     /// # Errors
     /// The transport failed, or sends what is no run.
@@ -45,7 +45,7 @@ impl Listener {
         let mut taken = 0;
         while taken < LOOK_MAX {
             self.samples.clear();
-            // With a wait of no length: it also takes the wake-ups that have come, which would pile up otherwise.
+            // With the shortest wait there is: it also takes the wake-ups that have come, which would pile up otherwise.
             let count = self.subscriber.receive(Duration::ZERO, &mut self.samples)?;
             // The state counts for itself.
             while self.subscriber.take_certificate().is_some() {}
