@@ -45,19 +45,17 @@ impl Listener {
         let mut taken = 0;
         while taken < LOOK_MAX {
             self.samples.clear();
-            // With the shortest wait there is: it also takes the wake-ups that have come, which would pile up otherwise.
-            let count = self.subscriber.receive(Duration::ZERO, &mut self.samples)?;
-            // The state counts for itself.
-            while self.subscriber.take_certificate().is_some() {}
+            let count = self.subscriber.drain(&mut self.samples)?;
             if count == 0 {
                 break;
             }
             taken += count;
-            let now = Instant::now();
-            if let Some(run) = state.take(&self.samples, now) {
-                self.nameless = Some((run, now + PATIENCE));
-            }
+            self.hand_on(state);
         }
+        // Takes the wake-ups that have come, too, which would pile up otherwise. Once: at 1 kHz there is always another sample to wait for.
+        self.samples.clear();
+        self.subscriber.receive(Duration::ZERO, &mut self.samples)?;
+        self.hand_on(state);
         self.announcements.hear()?;
         let now = Instant::now();
         if let Some((run, until)) = self.nameless {
@@ -76,5 +74,14 @@ impl Listener {
             state.found_published(is_published(&state.instance)?);
         }
         Ok(())
+    }
+
+    fn hand_on(&mut self, state: &mut State) {
+        // The state counts for itself.
+        while self.subscriber.take_certificate().is_some() {}
+        let now = Instant::now();
+        if let Some(run) = state.take(&self.samples, now) {
+            self.nameless = Some((run, now + PATIENCE));
+        }
     }
 }
