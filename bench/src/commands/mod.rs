@@ -11,11 +11,13 @@ mod diagnose_plant;
 mod doctor;
 mod emulate;
 mod export;
+mod foxglove;
 mod identify;
 mod import;
 mod info;
 mod latency;
 mod ls;
+mod monitor;
 mod profile;
 mod record;
 mod recover;
@@ -63,6 +65,8 @@ enum Command {
     Latency(latency::Args),
     Doctor(doctor::Args),
     Emulate(emulate::Args),
+    Monitor(monitor::Args),
+    Foxglove(foxglove::Args),
     Ls(ls::Args),
     Info(info::Args),
     Export(export::Args),
@@ -92,6 +96,8 @@ pub fn run(cli: &Cli, progress: &Progress) -> Result<(), Failure> {
         Command::Latency(args) => latency::run(args, progress),
         Command::Doctor(args) => doctor::run(args, progress),
         Command::Emulate(args) => emulate::run(args, progress),
+        Command::Monitor(args) => monitor::run(args, progress),
+        Command::Foxglove(args) => foxglove::run(args, progress),
         Command::Ls(args) => ls::run(args, progress),
         Command::Info(args) => info::run(args, progress),
         Command::Export(args) => export::run(args, progress),
