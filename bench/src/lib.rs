@@ -28,6 +28,7 @@ pub mod recorder;
 pub mod report;
 pub mod rig_file;
 pub mod runner;
+pub mod serve;
 pub mod setup;
 pub mod simulation;
 pub mod strength;

@@ -23,7 +23,9 @@ mod record;
 mod recover;
 mod replay;
 pub mod results;
-mod run;
+pub(crate) mod run;
+mod serve;
+mod service;
 mod simulate;
 mod stop;
 mod time;
@@ -47,6 +49,8 @@ enum Command {
     Campaign(campaign::Args),
     Check(check::Args),
     Profile(profile::Args),
+    Serve(serve::Args),
+    Service(service::Args),
     Stop(stop::Args),
     Confirm(confirm::Args),
     Record(record::Args),
@@ -76,6 +80,8 @@ pub fn run(cli: &Cli, progress: &Progress) -> Result<(), Failure> {
         Command::Campaign(args) => campaign::run(args, progress),
         Command::Check(args) => check::run(args, progress),
         Command::Profile(args) => profile::run(args, progress),
+        Command::Serve(args) => serve::run(args, progress),
+        Command::Service(args) => service::run(args, progress),
         Command::Stop(args) => stop::run(args, progress),
         Command::Confirm(args) => confirm::run(args, progress),
         Command::Record(args) => record::run(args, progress),
