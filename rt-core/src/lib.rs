@@ -17,6 +17,7 @@
 //! | [`command_channel`] | stop, emergency stop and confirmations from another process |
 //! | [`confirmation`] | what people are asked for, and how their word reaches the loop |
 //! | [`announce`] | what a run is, told before its first sample |
+//! | [`relay`] | samples that were carried here from another machine |
 //! | [`presence`] | whether anybody publishes |
 //! | [`link`] | names, sizes and errors of the shared-memory services |
 
@@ -33,6 +34,7 @@ pub mod loss;
 pub mod overrun;
 pub mod presence;
 pub mod publish;
+pub mod relay;
 pub mod replay;
 mod rhythm;
 mod sender;
@@ -53,6 +55,7 @@ pub use link::LinkError;
 pub use loss::{LossCertificate, LossTracker, OutOfOrder};
 pub use overrun::OverrunPolicy;
 pub use publish::{Handover, Pace, Publication, Publish, Settled};
+pub use relay::Relay;
 pub use statistics::{Ended, RunReport, Statistics};
 pub use subscribe::{Delivery, SampleSubscriber};
 pub use supervisor::{Breach, Channel, Limits, LimitsError, Supervisor, Trip};
