@@ -75,7 +75,7 @@ fn the_exit_codes_in_the_document_are_the_program_s() {
 fn a_run_that_trips_says_so_in_json_and_by_its_exit_code() {
     let dir = tempfile::tempdir().unwrap();
     std::fs::write(dir.path().join("narrow.toml"), "[limits]\nangle_max_deg = 20.0\n").unwrap();
-    let (code, run) = json(dir.path(), &["run", "square_h", "--rig", "narrow.toml", "--out", "a.mcap", "--json"]);
+    let (code, run) = json(dir.path(), &["run", "square_h", "--rig", "narrow.toml", "--out", "a.mcap", "--instance", "scripts-trip", "--json"]);
     assert_eq!((code, &run["outcome"], &run["lossless"]), (5, &Value::from("tripped"), &Value::from(true)));
     assert!(run["trip"].as_str().unwrap().contains("angle"), "{run}");
     has_keys(&run, "run");

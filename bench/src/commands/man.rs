@@ -1,7 +1,7 @@
 //! `bench man --out DIR`
 
 use super::COMMANDS;
-use super::help::{about, command, examples_of};
+use super::help::{about, examples_of};
 use super::list::{Entry, Example, Group};
 use crate::failure::{EXIT_CODES, Failure, Kind};
 use crate::progress::Progress;
@@ -141,6 +141,7 @@ fn see_also(roff: &mut Roff) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::commands::help::command;
 
     #[test]
     fn every_command_has_a_page_with_its_options_examples_and_exit_status() {

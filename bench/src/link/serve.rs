@@ -74,11 +74,12 @@ pub fn serve(settings: &Settings, end: &AtomicBool, say: &(dyn Fn(&str) + Sync))
         .wait()
         .map_err(|e| broken("answering for commands", &e))?;
 
+    let over = AtomicBool::new(false);
     std::thread::scope(|scope| {
-        let over = AtomicBool::new(false);
-        scope.spawn(|| obey(settings, &asked, &over, say));
-        let mut sender = Sender::new(settings, &session, setups)?;
-        let outcome = sender.follow(subscriber, announcements, end);
+        let until = &over;
+        scope.spawn(move || obey(settings, &asked, until, say));
+        let sender = Sender::new(settings, &session, setups);
+        let outcome = sender.and_then(|mut sender| sender.follow(subscriber, announcements, end));
         over.store(true, Ordering::Relaxed);
         outcome
     })?;

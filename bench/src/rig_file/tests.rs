@@ -1,5 +1,4 @@
 use super::*;
-use model::{ModelFile, Parameters};
 
 fn parse(text: &str) -> Result<Rig, Failure> {
     Rig::parse(text, "rig.toml", Path::new(""))
