@@ -12,7 +12,8 @@ fn main() -> ExitCode {
     let progress = Progress::for_stderr();
     let writer = progress.clone();
     tracing_subscriber::fmt()
-        .with_env_filter(EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("warn,zenoh=error")) // a link says itself what it meets)
+        // A link says itself what it meets.
+        .with_env_filter(EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("warn,zenoh=error")))
         .with_writer(move || writer.clone())
         .init();
 

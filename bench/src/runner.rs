@@ -291,7 +291,14 @@ impl Runner {
                         start.recv().ok().map(|()| drive(&mut RealTime::default(), publication))
                     };
                     let handle = thread::Builder::new().name("loop".to_owned()).spawn_scoped(scope, body);
-                    let handle = handle.map_err(|e| Failure::new(Kind::Internal, format!("expected a thread for the loop, got \"{e}\"; free memory or threads (`ulimit -a`)")))?;
+                    let handle = handle.map_err(|e| {
+                        Failure::new(
+                            Kind::Internal,
+                            format!(
+                                "expected a thread for the loop, got \"{e}\"; free memory or threads (`ulimit -a`)"
+                            ),
+                        )
+                    })?;
                     let granted = from_loop.recv().unwrap_or_default();
                     if let Some((_, report)) = system {
                         let thread_report = Report::new(granted);
@@ -357,7 +364,10 @@ fn say_refusals(report: &Report, required: bool, say: bool, progress: &Progress)
     if required {
         return Err(Failure::new(
             Kind::Input,
-            format!("expected all that real time needs, as --require-rt says, and the system refuses: {}; `bench doctor` says what to change", lines.join("; ")),
+            format!(
+                "expected all that real time needs, as --require-rt says, and the system refuses: {}; `bench doctor` says what to change",
+                lines.join("; ")
+            ),
         ));
     }
     if say {

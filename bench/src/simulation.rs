@@ -50,15 +50,17 @@ pub fn added_effects(model: &ModelFile) -> Result<EffectSet<f64>, FreeRunError> 
             known: effects::LIBRARY.iter().map(|e| e.header().id).collect::<Vec<_>>().join(", "),
         })?;
         let values = effect.header().parameters.iter().map(|p| {
-            added
-                .parameters
-                .get(p.name)
-                .copied()
-                .ok_or_else(|| FreeRunError::MissingParameter {
-                    id: added.id.clone(),
-                    parameter: p.name,
-                    all: effect.header().parameters.iter().map(|p| format!("{} ({})", p.name, p.unit)).collect::<Vec<_>>().join(", "),
-                })
+            added.parameters.get(p.name).copied().ok_or_else(|| FreeRunError::MissingParameter {
+                id: added.id.clone(),
+                parameter: p.name,
+                all: effect
+                    .header()
+                    .parameters
+                    .iter()
+                    .map(|p| format!("{} ({})", p.name, p.unit))
+                    .collect::<Vec<_>>()
+                    .join(", "),
+            })
         });
         set.push((effect, values.collect::<Result<_, _>>()?));
     }

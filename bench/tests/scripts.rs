@@ -75,7 +75,10 @@ fn the_exit_codes_in_the_document_are_the_program_s() {
 fn a_run_that_trips_says_so_in_json_and_by_its_exit_code() {
     let dir = tempfile::tempdir().unwrap();
     std::fs::write(dir.path().join("narrow.toml"), "[limits]\nangle_max_deg = 20.0\n").unwrap();
-    let (code, run) = json(dir.path(), &["run", "square_h", "--rig", "narrow.toml", "--out", "a.mcap", "--instance", "scripts-trip", "--json"]);
+    let (code, run) = json(
+        dir.path(),
+        &["run", "square_h", "--rig", "narrow.toml", "--out", "a.mcap", "--instance", "scripts-trip", "--json"],
+    );
     assert_eq!((code, &run["outcome"], &run["lossless"]), (5, &Value::from("tripped"), &Value::from(true)));
     assert!(run["trip"].as_str().unwrap().contains("angle"), "{run}");
     has_keys(&run, "run");
@@ -87,7 +90,8 @@ fn a_run_that_trips_says_so_in_json_and_by_its_exit_code() {
 #[test]
 fn a_campaign_and_what_is_made_of_it_speak_json() {
     let dir = tempfile::tempdir().unwrap();
-    let runs = ["torque_map", "volume_map", "pump_map", "clamp_steps", "constant_flow", "random_a", "square_a", "random_b"];
+    let runs =
+        ["torque_map", "volume_map", "pump_map", "clamp_steps", "constant_flow", "random_a", "square_a", "random_b"];
     let campaign: Vec<&str> = ["campaign", "--out", "c", "--json"].into_iter().chain(runs).collect();
     let (code, value) = json(dir.path(), &campaign);
     assert_eq!(code, 0);
@@ -109,7 +113,13 @@ fn a_campaign_and_what_is_made_of_it_speak_json() {
     let text = std::fs::read_to_string(dir.path().join(model)).unwrap();
     let moved: String = text
         .lines()
-        .map(|line| if line.starts_with("f1 = ") && !text.split("[std]").nth(1).unwrap().contains(line) { "f1 = 0.9\n".to_owned() } else { format!("{line}\n") })
+        .map(|line| {
+            if line.starts_with("f1 = ") && !text.split("[std]").nth(1).unwrap().contains(line) {
+                "f1 = 0.9\n".to_owned()
+            } else {
+                format!("{line}\n")
+            }
+        })
         .collect();
     std::fs::write(dir.path().join("moved.toml"), moved).unwrap();
     let (code, other) = json(dir.path(), &["compare", model, "moved.toml", "--json"]);

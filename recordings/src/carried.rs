@@ -8,7 +8,9 @@ use crate::wire::{decode_sample, encode_sample};
 
 /// Bytes that are no samples.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("byte {at}: expected samples as rec_bench.v1.RigSample, each with its length before it, got {got}; programs at both ends must be of one build")]
+#[error(
+    "byte {at}: expected samples as rec_bench.v1.RigSample, each with its length before it, got {got}; programs at both ends must be of one build"
+)]
 pub struct CarriedError {
     /// Where the message begins that is none.
     pub at: usize,

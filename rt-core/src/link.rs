@@ -56,7 +56,9 @@ pub(crate) struct Progress {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum LinkError {
     /// The name can't be part of a service name.
-    #[error("instance name {0:?}: expected 1..={INSTANCE_MAX_LEN} of a-z, A-Z, 0-9, '-', '_' and '.'; choose another --instance")]
+    #[error(
+        "instance name {0:?}: expected 1..={INSTANCE_MAX_LEN} of a-z, A-Z, 0-9, '-', '_' and '.'; choose another --instance"
+    )]
     InstanceName(String),
     /// Another service publishes under this name.
     #[error("instance {instance:?} is in use by another running service; end that one or choose another instance")]
@@ -86,7 +88,9 @@ pub enum LinkError {
         cause: String,
     },
     /// The transport failed while it was used.
-    #[error("instance {instance:?}: {what} failed: {cause}; end the programs that use this instance and start them again")]
+    #[error(
+        "instance {instance:?}: {what} failed: {cause}; end the programs that use this instance and start them again"
+    )]
     Transport {
         /// Name of the instance.
         instance: String,

@@ -125,9 +125,7 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     let campaign = session.finish()?;
     progress.result(&format!("campaign: {} runs in {}", campaign.runs.len(), dir.display()));
     if args.json {
-        let run = |run: &RunEntry| {
-            json!({"file": run.file, "protocol": run.protocol.as_str(), "role": run.role.as_str(), "plane": run.plane.as_str()})
-        };
+        let run = |run: &RunEntry| json!({"file": run.file, "protocol": run.protocol.as_str(), "role": run.role.as_str(), "plane": run.plane.as_str()});
         let runs: Vec<Value> = campaign.runs.iter().map(run).collect();
         stdout.json(&json!({"dir": dir.display().to_string(), "name": campaign.name, "runs": runs}))?;
     }

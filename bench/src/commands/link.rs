@@ -68,11 +68,8 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
             serve::serve(&settings, &switches.stop, &say)
         }
         End::Connect(ConnectArgs { address, remote, instance }) => {
-            let settings = connect::Settings {
-                address: endpoint(address)?,
-                remote: remote.clone(),
-                instance: instance.clone(),
-            };
+            let settings =
+                connect::Settings { address: endpoint(address)?, remote: remote.clone(), instance: instance.clone() };
             let (switches, _driving) = interrupt::driving()?;
             connect::connect(&settings, &switches.stop, &say)
         }
@@ -83,7 +80,8 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
 fn loopback(endpoint: &str) -> Result<(), Failure> {
     let address = endpoint.trim_start_matches("tcp/");
     let found = address.to_socket_addrs().map_err(|error| {
-        let message = format!("--listen {address}: expected an address of this machine, got \"{error}\"; such as 127.0.0.1:7447");
+        let message =
+            format!("--listen {address}: expected an address of this machine, got \"{error}\"; such as 127.0.0.1:7447");
         Failure::new(Kind::Input, message)
     })?;
     let ips: Vec<IpAddr> = found.map(|found| found.ip()).collect();

@@ -49,6 +49,7 @@ fn identification(analysis: &Analysis) -> Map<String, Value> {
 /// Each parameter of the model with its standard error; `null` where the data do not determine it.
 fn parameters(analysis: &Analysis) -> Value {
     let values = model::parameters::NAMES.into_iter().zip(analysis.model.parameters.to_vector());
-    let of = |(name, value): (&str, f64)| (name.to_owned(), json!({"value": value, "std": analysis.model.std.get(name)}));
+    let of =
+        |(name, value): (&str, f64)| (name.to_owned(), json!({"value": value, "std": analysis.model.std.get(name)}));
     Value::Object(values.map(of).collect())
 }

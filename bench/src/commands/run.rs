@@ -64,7 +64,13 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     let path = args.out.clone().unwrap_or_else(|| free_file(&script.name));
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder).map_err(|error| {
-            Failure::new(Kind::Input, format!("{}: expected a folder for the recording, got \"{error}\"; choose another --out", folder.display()))
+            Failure::new(
+                Kind::Input,
+                format!(
+                    "{}: expected a folder for the recording, got \"{error}\"; choose another --out",
+                    folder.display()
+                ),
+            )
         })?;
     }
     if !args.no_dry_run {

@@ -60,7 +60,10 @@ pub fn connect(settings: &Settings, end: &AtomicBool, say: &(dyn Fn(&str) + Sync
     let (sender, incoming) = sync_channel(WAITING);
     let _samples = listen(&session, &settings.remote, "sample", sender.clone(), Incoming::Samples)?;
     let _states = listen(&session, &settings.remote, "state", sender, Incoming::State)?;
-    say(&format!("waiting for {} ({:?}); it is instance {:?} here", settings.address, settings.remote, settings.instance));
+    say(&format!(
+        "waiting for {} ({:?}); it is instance {:?} here",
+        settings.address, settings.remote, settings.instance
+    ));
 
     let over = AtomicBool::new(false);
     std::thread::scope(|scope| {
@@ -146,7 +149,8 @@ impl Arrival<'_> {
 
     fn state(&self, text: &[u8], first: bool) -> Result<(), Failure> {
         let state: State = serde_json::from_slice(text).map_err(|error| {
-            let message = format!("{}: expected the sign of life of `bench link serve`, got \"{error}\"", self.settings.address);
+            let message =
+                format!("{}: expected the sign of life of `bench link serve`, got \"{error}\"", self.settings.address);
             Failure::new(Kind::Device, message)
         })?;
         if state.version != VERSION {
@@ -215,7 +219,11 @@ impl Arrival<'_> {
             self.relay = Some(self.open()?);
         }
         self.run = Some(first.run);
-        let before = if first.sequence() > 0 { format!(", its first {} samples did not cross", first.sequence()) } else { String::new() };
+        let before = if first.sequence() > 0 {
+            format!(", its first {} samples did not cross", first.sequence())
+        } else {
+            String::new()
+        };
         match self.setup(first.run)? {
             Some(setup) => {
                 self.announcer.announce(first.run, setup).map_err(|e| Failure::of(Kind::Device, &e))?;
@@ -229,7 +237,8 @@ impl Arrival<'_> {
     /// What the run is, in the rig's own words.
     fn setup(&self, run: u32) -> Result<Option<Vec<u8>>, Failure> {
         let selector = format!("{}?run={run}", key(&self.settings.remote, "setup"));
-        let replies = self.session.get(selector).timeout(SETUP_PATIENCE).wait().map_err(|e| broken("asking for a setup", &e))?;
+        let replies =
+            self.session.get(selector).timeout(SETUP_PATIENCE).wait().map_err(|e| broken("asking for a setup", &e))?;
         while let Ok(reply) = replies.recv() {
             if let Ok(sample) = reply.result() {
                 return Ok(Some(sample.payload().to_bytes().into_owned()));
@@ -292,7 +301,9 @@ fn ask(settings: &Settings, session: &Session, command: RunCommand) -> Answer {
     while let Ok(reply) = replies.recv() {
         match reply.result() {
             Ok(sample) => return Said::parse(&sample.payload().to_bytes()).unwrap_or_else(unreachable),
-            Err(error) => tracing::warn!(answer = %String::from_utf8_lossy(&error.payload().to_bytes()), "command refused"),
+            Err(error) => {
+                tracing::warn!(answer = %String::from_utf8_lossy(&error.payload().to_bytes()), "command refused")
+            }
         }
     }
     unreachable()

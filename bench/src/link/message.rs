@@ -87,7 +87,10 @@ impl Asked {
             format!("expected a command such as {{\"version\":{VERSION},\"command\":\"stop\"}}, got \"{error}\"")
         })?;
         if asked.version != VERSION {
-            return Err(format!("expected a command of version {VERSION}, got {}; use programs of one build", asked.version));
+            return Err(format!(
+                "expected a command of version {VERSION}, got {}; use programs of one build",
+                asked.version
+            ));
         }
         let Asked { request, volume_ml, .. } = asked;
         Ok(match asked.command {
@@ -101,7 +104,8 @@ impl Asked {
 
 impl From<&Answer> for Said {
     fn from(Answer { taken, open, text }: &Answer) -> Said {
-        let word = |refusal: &Refusal| REFUSALS.iter().find(|(known, _)| known == refusal).map(|(_, word)| (*word).to_owned());
+        let word =
+            |refusal: &Refusal| REFUSALS.iter().find(|(known, _)| known == refusal).map(|(_, word)| (*word).to_owned());
         Said {
             version: VERSION,
             taken: taken.is_ok(),
@@ -158,7 +162,9 @@ mod tests {
 
     #[test]
     fn what_is_no_command_is_refused() {
-        for wrong in ["", "stop", "{}", r#"{"version":1,"command":"levitate"}"#, r#"{"version":1,"command":"stop","now":true}"#] {
+        for wrong in
+            ["", "stop", "{}", r#"{"version":1,"command":"levitate"}"#, r#"{"version":1,"command":"stop","now":true}"#]
+        {
             assert!(Asked::parse(wrong.as_bytes()).is_err(), "{wrong}");
         }
         let newer = Asked::parse(br#"{"version":2,"command":"stop"}"#).expect_err("another version");

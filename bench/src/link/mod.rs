@@ -55,7 +55,8 @@ pub(crate) fn key(instance: &str, part: &str) -> String {
 /// It is none (2).
 pub fn endpoint(address: &str) -> Result<String, Failure> {
     let wrong = |got: &str| {
-        let message = format!("{address:?}: expected HOST, HOST:PORT or [IPV6]:PORT, got {got}; such as 192.168.1.7:{PORT}");
+        let message =
+            format!("{address:?}: expected HOST, HOST:PORT or [IPV6]:PORT, got {got}; such as 192.168.1.7:{PORT}");
         Failure::new(Kind::Input, message)
     };
     let bare = address.strip_prefix("tcp/").unwrap_or(address);
@@ -99,7 +100,10 @@ fn session(listen: &[String], connect: &[String]) -> Result<Session, Failure> {
     }
     zenoh::open(config).wait().map_err(|error| {
         let at = if listen.is_empty() { connect.join(", ") } else { listen.join(", ") };
-        Failure::new(Kind::Device, format!("{at}: the link can't be opened: {error}; is the address this machine's, and the port free?"))
+        Failure::new(
+            Kind::Device,
+            format!("{at}: the link can't be opened: {error}; is the address this machine's, and the port free?"),
+        )
     })
 }
 

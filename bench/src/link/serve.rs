@@ -173,8 +173,7 @@ impl<'s> Sender<'s> {
     }
 
     fn sign(&self) -> Result<(), Failure> {
-        let state =
-            State { version: VERSION, control: self.settings.control, sent: self.sent, missed: self.missed };
+        let state = State { version: VERSION, control: self.settings.control, sent: self.sent, missed: self.missed };
         let text = serde_json::to_vec(&state).map_err(|e| Failure::of(Kind::Internal, &e))?;
         self.states.put(text).wait().map_err(|e| broken("sending a sign of life", &e))
     }
