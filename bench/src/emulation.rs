@@ -18,7 +18,7 @@ use drivers::emulated::Settings as RigSettings;
 use drivers::nodes::PlantFactory;
 use drivers::wired::Preparation;
 use model::effects::{Effect, LIBRARY};
-use model::parameters::{AddedEffect, index};
+use model::parameters::{AddedEffect, close_losses, index};
 use model::{ModelFile, Parameters};
 use profiles::{BUILTIN, Plane, Script};
 use rand::{Rng, SeedableRng};
@@ -27,7 +27,7 @@ use recordings::{Campaign, RigFacts};
 use rt_core::Limits;
 use std::path::Path;
 
-/// Parameters of the drawn rig lie within this fraction of the example's.
+/// Parameters of a drawn rig lie within this fraction of the example's.
 const SPREAD: f64 = 0.10;
 
 /// Strength of a drawn effect, noise floors: it matters, and it is no wreck.
@@ -36,20 +36,7 @@ const STRENGTH: std::ops::Range<f64> = 4.0..25.0;
 /// A rig with one effect out of `library`. The same seed and library give the same rig.
 pub fn draw(seed: u64, library: &[&'static dyn Effect]) -> ModelFile {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let example = Parameters::example();
-    let mut k = example.to_vector();
-    for (i, value) in k.iter_mut().enumerate() {
-        let factor = rng.random_range(1.0 - SPREAD..1.0 + SPREAD);
-        // a2 is no parameter of its own; inertia and gravity are known of a rig, and stay the example's.
-        if ![index::A2, index::J, index::G].contains(&i) {
-            *value *= factor;
-        }
-    }
-    // The losses are continuous at |w| = a.
-    let a = k[index::A];
-    k[index::L4] = (k[index::L1] * a * a + k[index::L2] * a + k[index::L3]) / a;
-
-    let base = Parameters::from_vector(&k, example.pump.u_max);
+    let base = draw_plain(&mut rng);
     let effect = library[rng.random_range(0..library.len())];
     let values = sized(&mut rng, &base, effect);
     let parameters = effect.header().parameters.iter().zip(values).map(|(p, v)| (p.name.to_owned(), v));
@@ -59,6 +46,21 @@ pub fn draw(seed: u64, library: &[&'static dyn Effect]) -> ModelFile {
     truth.source.insert("drawn_from_seed".to_owned(), seed.to_string());
     truth.effect.push(effect);
     truth
+}
+
+/// A rig without any effect.
+pub fn draw_plain(rng: &mut impl Rng) -> Parameters {
+    let example = Parameters::example();
+    let mut k = example.to_vector();
+    for (i, value) in k.iter_mut().enumerate() {
+        let factor = rng.random_range(1.0 - SPREAD..1.0 + SPREAD);
+        // a2 is no parameter of its own; inertia and gravity are known of a rig, and stay the example's.
+        if ![index::A2, index::J, index::G].contains(&i) {
+            *value *= factor;
+        }
+    }
+    close_losses(&mut k);
+    Parameters::from_vector(&k, example.pump.u_max)
 }
 
 /// Values of an effect's parameters: one of the library's shapes and signs, at a size that shows [`STRENGTH`] noise floors.

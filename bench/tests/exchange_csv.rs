@@ -140,6 +140,7 @@ fn raw_samples_events_and_reports_are_written_field_by_field() {
         let number = |name: &str| fields[column(name)].parse::<f64>().unwrap_or(f64::NAN).to_bits();
         assert_eq!(number("angle_deg"), expected.angle_deg.to_bits());
         assert_eq!(number("torque_nm"), expected.torque_nm.to_bits());
+        assert_eq!((number("target"), fields[column("target_of")]), (expected.target.to_bits(), "6"));
         assert_eq!(fields[column("woken_ns")], expected.woken_ns.to_string());
         assert_eq!(fields[column("publish_ns")], "4294967295");
         assert_eq!(fields[column("slew_limited")] == "1", expected.flags & rt_core::flags::SLEW_LIMITED != 0);

@@ -1,12 +1,12 @@
 //! A whole campaign in memory: every built-in experiment through the real loop on the emulated rig, in virtual time.
 
 use bench::controller::PumpController;
+use bench::emulation::draw_plain;
 use drivers::EmulatedRig;
 use drivers::emulated::{Noise, Settings};
 use identify::identification::Loaded;
 use model::Parameters;
 use model::effects::EffectSet;
-use model::parameters::index;
 use profiles::{BUILTIN, Context, Hands, Plane, Script};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -15,25 +15,9 @@ use rt_core::{Ended, Limits, Lockstep, OverrunPolicy, Run, Sample, Stages, Super
 use std::error::Error;
 use std::str::FromStr;
 
-/// Parameters of a drawn rig lie within this fraction of the example's.
-const SPREAD: f64 = 0.10;
-
 /// A rig without any effect. The same seed gives the same rig.
 pub fn draw(seed: u64) -> Parameters {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let example = Parameters::example();
-    let mut k = example.to_vector();
-    for (i, value) in k.iter_mut().enumerate() {
-        let factor = rng.random_range(1.0 - SPREAD..1.0 + SPREAD);
-        // a2 is no parameter of its own; inertia and gravity are known of a rig
-        if ![index::A2, index::J, index::G].contains(&i) {
-            *value *= factor;
-        }
-    }
-    // the losses are continuous at |w| = a
-    let a = k[index::A];
-    k[index::L4] = (k[index::L1] * a * a + k[index::L2] * a + k[index::L3]) / a;
-    Parameters::from_vector(&k, example.pump.u_max)
+    draw_plain(&mut ChaCha8Rng::seed_from_u64(seed))
 }
 
 /// Runs every built-in experiment on this rig. The controller knows the rig's own pump, as after a pump map.
@@ -55,7 +39,7 @@ pub fn recorded(truth: &Parameters, noise: Noise, seed: u64) -> Result<(Campaign
     for (number, (file, text)) in BUILTIN.iter().enumerate() {
         let script = Script::parse(text, file)?;
         let run_seed = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(number as u64);
-        recordings.push(recording(&run(truth, &script, noise, run_seed)?));
+        recordings.push(Recording::of_samples(&run(truth, &script, noise, run_seed)?));
         runs.push(RunEntry {
             file: format!("{}.mcap", script.name),
             protocol: FromStr::from_str(script.protocol.as_str())?,
@@ -152,22 +136,6 @@ fn run(truth: &Parameters, script: &Script, noise: Noise, seed: u64) -> Result<V
 }
 
 /// The samples as columns. In virtual time every value is of its own tick.
-fn recording(samples: &[Sample]) -> Recording {
-    let column = |of: fn(&Sample) -> f64| samples.iter().map(of).collect::<Vec<f64>>();
-    Recording {
-        time_s: column(Sample::time_s),
-        voltage_v: column(|s| s.voltage_v),
-        angle_deg: column(|s| s.angle_deg),
-        pressure1_bar: column(|s| s.pressure1_bar),
-        pressure2_bar: column(|s| s.pressure2_bar),
-        torque_nm: column(|s| s.torque_nm),
-        volume_ml: column(|s| s.volume_ml),
-        brake_open: samples.iter().map(Sample::brake_open).collect(),
-        bypass_open: samples.iter().map(Sample::bypass_open).collect(),
-        segment: samples.iter().map(|s| i64::from(s.segment)).collect(),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

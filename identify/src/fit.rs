@@ -13,10 +13,6 @@ pub struct Effort {
     pub iterations: usize,
     /// Relative decrease of the cost below which the minimum counts as reached.
     pub tolerance: f64,
-    /// Give up when, after `patience` iterations, the cost is still above this.
-    pub hopeless_above: f64,
-    /// See `hopeless_above`.
-    pub patience: usize,
     /// Where it is finite, it decides instead of the tolerance: stop when the whole next step promises less than this share of a noise
     /// variance. A hundredth leaves every parameter within a tenth of its standard error of the minimum, however flat that is.
     pub promise: f64,
@@ -26,14 +22,7 @@ pub struct Effort {
 
 impl Default for Effort {
     fn default() -> Self {
-        Effort {
-            iterations: 25,
-            tolerance: 1e-6,
-            hopeless_above: f64::INFINITY,
-            patience: 4,
-            promise: f64::INFINITY,
-            ahead: false,
-        }
+        Effort { iterations: 25, tolerance: 1e-6, promise: f64::INFINITY, ahead: false }
     }
 }
 
@@ -48,6 +37,20 @@ pub struct Fit {
     pub cost: f64,
     /// The tolerance was reached.
     pub converged: bool,
+}
+
+impl Fit {
+    /// What is left to fit without the `n`-th effect: its layout, and this point without that effect's values.
+    pub fn without(&self, n: usize) -> (Layout, Point) {
+        let own = self.layout.first_of(n)..self.layout.first_of(n + 1);
+        let mut layout = self.layout.clone();
+        layout.effects.remove(n);
+        let moved = |i: usize| if i < own.start { Some(i) } else { (i >= own.end).then(|| i - own.len()) };
+        layout.held = self.layout.held.iter().filter_map(|&i| moved(i)).collect();
+        let mut point = self.point.clone();
+        point.theta.drain(own.clone());
+        (layout, point)
+    }
 }
 
 /// Minimises the problem's cost from `start`.
@@ -77,9 +80,6 @@ pub fn fit_from(
     let mut growth = 2.0;
     let mut converged = false;
     'outer: for iteration in 0..effort.iterations {
-        if iteration >= effort.patience && cost > effort.hopeless_above {
-            break;
-        }
         let pieces = match known.take() {
             Some(pieces) => pieces,
             None => problem.linearise(layout, &point)?,

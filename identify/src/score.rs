@@ -115,6 +115,11 @@ impl<'a> Scene<'a> {
         effect.header().starts.par_iter().filter_map(|start| self.direction(effect, start)).collect()
     }
 
+    /// The first direction of a candidate, its usual one.
+    pub fn usual_direction(&self, effect: &'static dyn Effect) -> Option<Direction> {
+        self.direction(effect, effect.header().starts.first()?)
+    }
+
     /// The direction of a candidate with these parameters; `None` where it can't be simulated or does nothing.
     pub fn direction(&self, effect: &'static dyn Effect, start: &[f64]) -> Option<Direction> {
         let layout = self.fit.layout.with(effect);

@@ -4,6 +4,8 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use crate::scalar::Scalar;
+
 /// Names of the plant's parameters in the order of the parameter vector.
 pub const NAMES: [&str; COUNT] = [
     "m1", "m2", "m3", "h1", "h2", "h3", "a1", "a2", "v1", "v2", "f1", "f2", "f3", "f4", "l1", "l2", "l3", "l4", "a",
@@ -171,6 +173,12 @@ impl Parameters {
             valves: Valves { k_b: v[21] },
         }
     }
+}
+
+/// Sets l4 so that the losses, eq. (16), are continuous at |w| = a. `k`: a parameter vector in the order of [`NAMES`].
+pub fn close_losses<S: Scalar>(k: &mut [S]) {
+    use index::{A, L1, L2, L3, L4};
+    k[L4] = ((k[L1] * k[A] + k[L2]) * k[A] + k[L3]) / k[A];
 }
 
 /// An effect that was added to the model, as in `[[effect]]` of `model.toml`.

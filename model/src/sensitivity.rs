@@ -2,6 +2,7 @@
 
 use crate::effects::EffectSet;
 use crate::integrate::{FEW_STATES, MOST_STATES};
+use crate::port::PortKind;
 use crate::rec::{self, Input, Lever};
 use crate::scalar::{LANES, Scalar, Tangent};
 
@@ -9,7 +10,8 @@ use crate::scalar::{LANES, Scalar, Tangent};
 ///
 /// The variational equation S' = A S + B is taken at the middle of a step, with A and B from dual numbers, and advanced by
 /// its exponential: second order in the step, stable where the plant is. A and B change as slowly as the state does between kinks,
-/// so two steps in a row on one branch under one input share those of their middle, four where the lever is led.
+/// so two steps in a row on one branch under one input share those of their middle, four where the lever is led. Effects
+/// on the oil keep that to two; those that push the lever may have kinks of their own, which nobody tells.
 pub struct Sensitivity {
     states: usize,
     columns: usize,
@@ -77,19 +79,17 @@ impl Sensitivity {
         });
         if !kept {
             let steps = match input.lever {
-                // an effect may have kinks of its own, which nobody tells
-                _ if seeds.moved_by_effects() => 1.0,
                 // near zero velocity the losses are fast, and the steps short
                 _ if rec::creeps(input, branches) => (CREEP_S / dt + 1e-6).floor().clamp(1.0, 4.0),
                 Lever::Free => 2.0,
                 Lever::Led { .. } => 4.0,
             };
+            let steps = f64::min(steps, seeds.most_steps());
             let ahead_s = 0.5 * (steps - 1.0) * dt;
-            match seeds
-                .ahead(input, t, ahead_s, middle)
-                .filter(|x| steps > 1.0 && seeds.branches(input, t, x) == branches)
-            {
-                Some(x) => self.linearise(seeds, input, t + ahead_s, dt, &x[..middle.len()]),
+            let n = middle.len();
+            let ahead = (steps > 1.0).then(|| seeds.ahead(input, t, ahead_s, middle));
+            match ahead.filter(|x| seeds.branches(input, t, &x[..n]) == branches) {
+                Some(x) => self.linearise(seeds, input, t + ahead_s, dt, &x[..n]),
                 None => self.linearise(seeds, input, t, dt, middle),
             }
             self.shared = Some(Shared { input: *input, dt, until_s: t + (steps - 0.5) * dt, branches });
@@ -195,8 +195,9 @@ fn exponential_integral<const N: usize>(a: &[[f64; N]; N], n: usize, dt: f64) ->
 /// Parameters as dual numbers, packed so that states and parameters of one pass fit into the lanes.
 pub struct Seeds {
     packs: Vec<Pack>,
-    /// The values alone, to tell branches.
+    /// The values alone, to tell branches and to look ahead.
     values: Vec<f64>,
+    with_effects: EffectSet<f64>,
 }
 
 struct Pack {
@@ -225,28 +226,32 @@ impl Seeds {
             first += count;
             if first >= columns {
                 let values = packs.first().map(|p: &Pack| p.k.iter().map(|v| v.value).collect()).unwrap_or_default();
-                return Seeds { packs, values };
+                let with_effects = packs.first().map_or_else(EffectSet::none, |p: &Pack| p.effects.values());
+                return Seeds { packs, values, with_effects };
             }
         }
     }
 
-    /// The state that the reference model goes on to within `ahead_s`, by its slope; `None` with states of effects.
-    fn ahead(&self, input: &Input, t: f64, ahead_s: f64, x: &[f64]) -> Option<[f64; MOST_STATES]> {
-        if x.len() != rec::STATES {
-            return None;
-        }
+    /// The state that the plant goes on to within `ahead_s`, by its slope.
+    fn ahead(&self, input: &Input, t: f64, ahead_s: f64, x: &[f64]) -> [f64; MOST_STATES] {
         let mut dx = [0.0; MOST_STATES];
-        rec::derivative(input, &self.values, &EffectSet::none(), t, x, &mut dx[..x.len()]);
+        rec::derivative(input, &self.values, &self.with_effects, t, x, &mut dx[..x.len()]);
         let mut out = [0.0; MOST_STATES];
         for i in 0..x.len() {
             out[i] = x[i] + ahead_s * dx[i];
         }
-        Some(out)
+        out
     }
 
-    /// There are effects, and not on the sensors alone.
-    fn moved_by_effects(&self) -> bool {
-        self.packs.iter().any(|p| !p.effects.leave_the_plant_alone())
+    /// Over how many steps A and B may be shared.
+    fn most_steps(&self) -> f64 {
+        if self.with_effects.leave_the_plant_alone() {
+            f64::INFINITY
+        } else if self.with_effects.touches(PortKind::Mechanical) {
+            1.0
+        } else {
+            2.0
+        }
     }
 
     /// Which branches of the reference model's piecewise equations hold in a state; effects on the voltage are left out.

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use rt_core::{Measurement, Sample};
 
+use crate::alignment::sound;
 use crate::error::Place;
 use crate::{CampaignError, Protocol, csv_reader, csv_writer, mcap_reader};
 
@@ -84,6 +85,13 @@ impl Recording {
                 "choose the extension that says what is written",
             )),
         }
+    }
+
+    /// The rows of these samples; what a device calls wrong was not measured.
+    pub fn of_samples<'a>(samples: impl IntoIterator<Item = &'a Sample>) -> Recording {
+        let mut out = Recording::default();
+        samples.into_iter().for_each(|s| out.push_sample(s, &sound(s)));
+        out
     }
 
     /// `measured`: what of the sample's measurement its device does not call wrong.

@@ -45,7 +45,7 @@ pub(crate) fn decode(window: &[u8], length: usize, sample: &mut Sample) -> bool 
     sample.quality = fields.small(32);
     sample.trip = fields.small(33);
     // Five that are rarely there: one look for all of them.
-    if fields.at < length {
+    if fields.at < length && !fields.stands_here(39, FIXED_64) {
         bits |= fields.flag(34, flags::OVERRUN)
             | fields.flag(35, flags::STOPPED)
             | fields.flag(36, flags::SLEW_LIMITED)
@@ -53,9 +53,19 @@ pub(crate) fn decode(window: &[u8], length: usize, sample: &mut Sample) -> bool 
             | fields.flag(38, flags::CONFIRMED);
     }
     sample.flags = bits;
+    (sample.target, sample.target_of, sample.reserved) = (f64::NAN, 0, 0);
+    if fields.at < length {
+        sample.target = fields.double(39);
+        sample.target_of = fields.small(40);
+    }
     // What looked beyond the message has gone beyond its end, too: then the places disagree.
-    fields.sound && fields.at == length && sample.version == SAMPLE_VERSION
+    let known = NEWEST_OF_THIS_FORM.contains(&sample.version);
+    sample.version = SAMPLE_VERSION;
+    fields.sound && fields.at == length && known
 }
+
+/// Layouts of the sample whose message is read here: version 2 had all fields but the last two, which are absent then.
+const NEWEST_OF_THIS_FORM: std::ops::RangeInclusive<u32> = 2..=SAMPLE_VERSION;
 
 /// The flag bits that have a field of their own in the message.
 pub(crate) const FLAG_FIELDS: u32 = flags::BRAKE_OPEN
@@ -92,18 +102,20 @@ impl Fields<'_> {
         }
     }
 
+    /// Whether the tag of this field stands here.
+    #[inline(always)]
+    fn stands_here(&self, field: u32, wire_type: u32) -> bool {
+        let key = field << 3 | wire_type;
+        let word = self.word(self.at);
+        if key < 0x80 { word as u8 == key as u8 } else { word as u16 == (key & 0x7f | 0x80 | key >> 7 << 8) as u16 }
+    }
+
     /// Takes the tag of this field, if it stands here.
     #[inline(always)]
     fn tag(&mut self, field: u32, wire_type: u32) -> bool {
-        let key = field << 3 | wire_type;
-        let word = self.word(self.at);
-        let (there, bytes) = if key < 0x80 {
-            (word as u8 == key as u8, 1)
-        } else {
-            (word as u16 == (key & 0x7f | 0x80 | key >> 7 << 8) as u16, 2)
-        };
+        let there = self.stands_here(field, wire_type);
         if there {
-            self.at += bytes;
+            self.at += if field << 3 < 0x80 { 1 } else { 2 };
         }
         there
     }
@@ -203,6 +215,7 @@ mod tests {
             sample.pressure2_bar,
             sample.torque_nm,
             sample.volume_ml,
+            sample.target,
         ];
         let values = values.map(f64::to_bits);
         let numbers = Sample {
@@ -212,6 +225,7 @@ mod tests {
             pressure2_bar: 0.0,
             torque_nm: 0.0,
             volume_ml: 0.0,
+            target: 0.0,
             ..*sample
         };
         format!("{values:?} {numbers:?}")
@@ -220,7 +234,8 @@ mod tests {
     fn fast(message: &[u8], behind: &[u8]) -> Option<Sample> {
         let window: Vec<u8> = message.iter().chain(behind).copied().collect();
         // Whatever stood there before must not shine through.
-        let mut sample = Sample { tick: 77, angle_deg: 7.0, age_ns: [7; 5], flags: 7, trip: 7, ..Sample::BLANK };
+        let mut sample =
+            Sample { tick: 77, angle_deg: 7.0, age_ns: [7; 5], flags: 7, trip: 7, target: 7.0, ..Sample::BLANK };
         decode(&window, message.len(), &mut sample).then_some(sample)
     }
 
@@ -232,8 +247,8 @@ mod tests {
     fn sample() -> impl Strategy<Value = Sample> {
         let value = prop_oneof![any::<f64>(), Just(f64::NAN), Just(0.0), Just(-0.0)];
         (
-            proptest::collection::vec(number(), 26),
-            proptest::collection::vec(value, 6),
+            proptest::collection::vec(number(), 27),
+            proptest::collection::vec(value, 7),
             prop_oneof![Just(0u64), Just(u64::MAX >> 9)],
         )
             .prop_map(|(n, v, limit)| {
@@ -241,7 +256,7 @@ mod tests {
                 let whole = |at: usize| if limit == 0 { n[at] } else { n[at] & limit };
                 let small = |at: usize| n[at] as u32;
                 Sample {
-                    version: SAMPLE_VERSION,
+                    version: if n[24] % 2 == 0 { SAMPLE_VERSION } else { 2 },
                     run: small(0),
                     tick: whole(1),
                     scheduled_ns: whole(2),
@@ -268,6 +283,9 @@ mod tests {
                     flags: small(21),
                     quality: small(22),
                     trip: small(23),
+                    target: v[6],
+                    target_of: small(25),
+                    reserved: 0,
                 }
             })
     }

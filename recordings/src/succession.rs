@@ -151,13 +151,14 @@ fn unfit_value(sample: &Sample) -> Option<Misfit> {
     if !sample.voltage_v.is_finite() {
         return misfit("voltage_v", "a finite number", sample.voltage_v);
     }
-    let measured = [
+    let others = [
         ("angle_deg", sample.angle_deg),
         ("pressure1_bar", sample.pressure1_bar),
         ("pressure2_bar", sample.pressure2_bar),
         ("torque_nm", sample.torque_nm),
         ("volume_ml", sample.volume_ml),
+        ("target", sample.target),
     ];
-    let (column, value) = measured.into_iter().find(|(_, value)| value.is_infinite())?;
+    let (column, value) = others.into_iter().find(|(_, value)| value.is_infinite())?;
     misfit(column, "a finite number, or NaN for a missing value", value)
 }

@@ -48,7 +48,8 @@ const FILE: &str = "file.";
 /// Facts of the machine, likewise.
 const HOST: &str = "host.";
 
-/// Layouts of the sample that are read. The first knew no skipped ticks, one age for all values, and no reason of a trip.
+/// Layouts of the sample that are read. The first knew no skipped ticks, one age for all values, and no reason of a trip; the second
+/// no target.
 const READ_VERSIONS: std::ops::RangeInclusive<u32> = 1..=SAMPLE_VERSION;
 
 /// Replaces `bytes` by the message of this sample.
@@ -92,6 +93,8 @@ pub(crate) fn encode_sample(sample: &Sample, bytes: &mut Vec<u8>) {
         slew_limited: sample.flags & flags::SLEW_LIMITED != 0,
         waiting: sample.flags & flags::WAITING != 0,
         confirmed: sample.flags & flags::CONFIRMED != 0,
+        target: (!sample.target.is_nan()).then_some(sample.target),
+        target_of: sample.target_of,
     };
     bytes.clear();
     message.encode(bytes).expect("a Vec grows as far as a message needs");
@@ -148,6 +151,9 @@ pub(crate) fn decode_sample(bytes: &[u8]) -> Result<Sample, String> {
         pressure2_bar: message.pressure2_bar.unwrap_or(f64::NAN),
         torque_nm: message.torque_nm.unwrap_or(f64::NAN),
         volume_ml: message.volume_ml.unwrap_or(f64::NAN),
+        target: message.target.unwrap_or(f64::NAN),
+        target_of: message.target_of,
+        reserved: 0,
         segment: message.segment,
         flags: (message.other_flags & !FLAG_FIELDS)
             | bit(message.brake_open, flags::BRAKE_OPEN)

@@ -110,7 +110,7 @@ proptest! {
     #[test]
     fn any_sample_comes_back(
         values in proptest::collection::vec(
-            prop_oneof![any::<f64>().prop_filter("finite", |v| v.is_finite()), Just(-0.0), Just(f64::NAN)], 5),
+            prop_oneof![any::<f64>().prop_filter("finite", |v| v.is_finite()), Just(-0.0), Just(f64::NAN)], 6),
         voltage in any::<f64>().prop_filter("finite", |v| v.is_finite()),
         ns in any::<[u32; 3]>(),
         small in any::<[u32; 3]>(),
@@ -125,6 +125,7 @@ proptest! {
         only.voltage_v = voltage;
         (only.angle_deg, only.pressure1_bar, only.pressure2_bar) = (values[0], values[1], values[2]);
         (only.torque_nm, only.volume_ml) = (values[3], values[4]);
+        (only.target, only.target_of) = (values[5], small[0] % 7);
         let (_dir, path) = folder();
         write_mcap(&path, &[only], only.sequence() + 1);
         let item = McapReader::open(&path).unwrap().next().unwrap().unwrap();
@@ -340,7 +341,7 @@ fn samples_that_can_not_be_recorded_are_refused_one_by_one() {
         spoil(&mut next);
         next
     };
-    let cases: [(Sample, &[&str]); 8] = [
+    let cases: [(Sample, &[&str]); 9] = [
         (spoilt(|s| s.version = 9), &["tick 6", "version", "got 9"]),
         (spoilt(|s| s.run = 4), &["tick 6", "run", "run 3", "got 4"]),
         (spoilt(|s| s.tick = 5), &["tick 5", "after 5"]),
@@ -349,6 +350,7 @@ fn samples_that_can_not_be_recorded_are_refused_one_by_one() {
         (spoilt(|s| s.voltage_v = f64::NAN), &["tick 6", "voltage_v", "NaN"]),
         (spoilt(|s| s.angle_deg = f64::INFINITY), &["tick 6", "angle_deg", "inf"]),
         (spoilt(|s| s.volume_ml = f64::NEG_INFINITY), &["tick 6", "volume_ml", "-inf"]),
+        (spoilt(|s| s.target = f64::INFINITY), &["tick 6", "target", "inf"]),
     ];
     for (bad, parts) in cases {
         assert_says(writer.write(&bad), parts);

@@ -29,7 +29,7 @@ fn python_reads_every_field_of_every_message_as_it_was_written() {
     golden::write(&path, SAMPLES);
     let mut others = golden::written().into_iter().peekable();
     let mut written = Vec::new();
-    for sample in golden::samples(SAMPLES) {
+    for sample in golden::samples_3(SAMPLES) {
         let due = |tick: u64| tick <= sample.tick;
         while let Some(item) = others.next_if(|item| match item {
             Item::Event(event) => due(event.tick),
@@ -112,7 +112,7 @@ fn double(value: f64) -> Value {
 
 fn sample_fields(sample: &Sample) -> Value {
     let set = |bit: u32| sample.flags & bit != 0;
-    json!({
+    let mut fields = json!({
         "version": sample.version,
         "run": sample.run,
         "tick": sample.tick,
@@ -151,7 +151,13 @@ fn sample_fields(sample: &Sample) -> Value {
         "slew_limited": set(flags::SLEW_LIMITED),
         "waiting": set(flags::WAITING),
         "confirmed": set(flags::CONFIRMED),
-    })
+        "target_of": sample.target_of,
+    });
+    // Where there is none the field is absent.
+    if !sample.target.is_nan() {
+        fields["target"] = double(sample.target);
+    }
+    fields
 }
 
 fn event_fields(event: &Event) -> Value {

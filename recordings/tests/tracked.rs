@@ -109,11 +109,20 @@ fn format_1_with_samples_of_version_2() {
 /// Written when format 2 came.
 #[test]
 fn format_2() {
-    let Read { run, samples, others, certificate } = read("format_2.mcap");
+    assert_is_golden("format_2.mcap", &golden::samples(400));
+}
+
+/// Written when samples of version 3 came: targets of every kind.
+#[test]
+fn format_2_with_samples_of_version_3() {
+    assert_is_golden("sample_3.mcap", &golden::samples_3(400));
+}
+
+fn assert_is_golden(name: &str, written: &[Sample]) {
+    let Read { run, samples, others, certificate } = read(name);
     assert_eq!(run, golden::metadata());
-    let written = golden::samples(400);
     assert_eq!(samples.len(), written.len());
-    for (read, written) in samples.iter().zip(&written) {
+    for (read, written) in samples.iter().zip(written) {
         assert_eq!(sample_bits(read), sample_bits(written), "tick {}", written.tick);
     }
     let written = golden::written();
@@ -126,5 +135,5 @@ fn format_2() {
         certificate,
         LossCertificate { run: 70_000, expected: 400, received: 400, gaps: vec![], end_seen: true }
     );
-    assert_eq!(Recording::read(&tracked("format_2.mcap"), run.protocol).unwrap().len(), 400);
+    assert_eq!(Recording::read(&tracked(name), run.protocol).unwrap().len(), 400);
 }

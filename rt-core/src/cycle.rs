@@ -172,6 +172,8 @@ impl Cycle<'_> {
         let timed = Timed { read_ns, check_ns, reference_ns, control_ns, write_ns, publish_ns: self.publish_ns };
         let mut sample = self.run.sample(wake, self.skipped, &timed, &measured, &command, state);
         sample.step = step.index;
+        let (target_of, target) = step.target.told();
+        (sample.target_of, sample.target) = (target_of.code(), target);
         sample.trip = supervisor.trip().map_or(0, Trip::code);
         let handover = publish.publish(&sample);
         self.publish_ns = lap.split(*clock);
@@ -372,6 +374,9 @@ impl Run {
             flags: brake | bypass | state,
             quality: measured.valid() | (measured.faulty & FAULTY_BITS) << 8,
             trip: 0,
+            target: f64::NAN,
+            target_of: 0,
+            reserved: 0,
         }
     }
 }

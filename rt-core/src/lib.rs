@@ -62,4 +62,6 @@ pub use supervisor::{Breach, Channel, Limits, LimitsError, Supervisor, Trip};
 pub use traits::{
     ControlledPressure, Controller, Demand, Device, DeviceError, Operator, Reference, Step, Switches, Target,
 };
-pub use types::{Command, Fixture, Input, Measurement, PERIOD_NS, SAMPLE_VERSION, SafeState, Sample, Tick, flags};
+pub use types::{
+    Command, Fixture, Input, Measurement, PERIOD_NS, SAMPLE_VERSION, SafeState, Sample, TargetKind, Tick, flags,
+};

@@ -213,9 +213,16 @@ fn compare(recorded: &Sample, replayed: &Sample) -> Option<Difference> {
         whole("segment", |s| u64::from(s.segment)),
         whole("step", |s| u64::from(s.step)),
         whole("quality", |s| u64::from(s.quality)),
+        whole("target_of", |s| u64::from(s.target_of)),
+        number("target", |s| s.target),
     ];
-    // Where the device failed the measurement is unknown, so that what the supervisor made of it can't be judged again.
-    let unknown = |field: &str| recorded.fault() && replayed.fault() && field == "trip";
+    // Where the device failed the measurement is unknown, so that what the supervisor made of it can't be judged again. A recording
+    // without targets was made when samples held none.
+    let unknown = |field: &str| match field {
+        "trip" => recorded.fault() && replayed.fault(),
+        "target_of" | "target" => recorded.target_of == 0,
+        _ => false,
+    };
     let differs = |(field, a, b, _): &(&'static str, u64, u64, bool)| a != b && !unknown(field);
     let (field, recorded_bits, replayed_bits, float) = fields.into_iter().find(differs)?;
     let said = |bits: u64| if float { format!("{:?}", f64::from_bits(bits)) } else { bits.to_string() };

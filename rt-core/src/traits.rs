@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::confirmation::{Confirmation, ConfirmationSlot, Waiting};
-use crate::types::{Command, Fixture, Measurement, Tick};
+use crate::types::{Command, Fixture, Measurement, TargetKind, Tick};
 
 /// What somebody outside the loop asks for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -182,6 +182,20 @@ pub enum Target {
         /// How fast the reference moves there, degrees per second; for the feed-forward.
         velocity_deg_s: f64,
     },
+}
+
+impl Target {
+    /// What it is of, and its value in that kind's unit.
+    pub fn told(&self) -> (TargetKind, f64) {
+        match *self {
+            Target::VoltageV(voltage_v) => (TargetKind::Voltage, voltage_v),
+            Target::FlowMlS(flow_ml_s) => (TargetKind::Flow, flow_ml_s),
+            Target::PressureBar { of: ControlledPressure::Chamber1, bar } => (TargetKind::Pressure1, bar),
+            Target::PressureBar { of: ControlledPressure::Chamber2, bar } => (TargetKind::Pressure2, bar),
+            Target::PressureBar { of: ControlledPressure::Difference, bar } => (TargetKind::PressureDifference, bar),
+            Target::AngleDeg { angle_deg, .. } => (TargetKind::Angle, angle_deg),
+        }
+    }
 }
 
 /// A pressure that the pump can drive somewhere: it moves oil from one chamber to the other.

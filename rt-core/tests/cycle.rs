@@ -4,8 +4,9 @@ mod common;
 
 use common::world::{At, Forge, ORIGIN_NS, People, Rig, limits};
 use rt_core::{
-    Breach, Channel, Command, Demand, Ended, Fixture, Input, Limits, LoopError, PERIOD_NS, SAMPLE_VERSION, SafeState,
-    flags,
+    Breach, Channel, Command, ControlledPressure, Controller, Demand, Ended, Fixture, Input, Limits, Lockstep,
+    LoopError, Measurement, OverrunPolicy, PERIOD_NS, Reference, Run, SAMPLE_VERSION, SafeState, Stages, Step, Target,
+    TargetKind, Tick, flags,
 };
 
 #[test]
@@ -38,6 +39,58 @@ fn sample_k_holds_the_state_at_k_and_the_command_that_acts_from_k() {
         assert_eq!(sample.quality, Input::Angle.bit() | Input::Pressure1.bit() | Input::Pressure2.bit());
         assert_eq!((sample.woken_ns, sample.execution_ns(), sample.publish_ns), (0, 0, 0), "virtual time");
     }
+}
+
+/// A target of every kind in turn, each with another value.
+struct EveryKind;
+
+impl Reference for EveryKind {
+    fn step(&mut self, now: Tick, _measured: &Measurement) -> Step {
+        let value = now.index as f64 / 8.0 - 1.0;
+        let pressure = |of| Target::PressureBar { of, bar: value };
+        let target = match now.index % 6 {
+            0 => Target::VoltageV(value),
+            1 => Target::FlowMlS(value),
+            2 => pressure(ControlledPressure::Chamber1),
+            3 => pressure(ControlledPressure::Chamber2),
+            4 => pressure(ControlledPressure::Difference),
+            _ => Target::AngleDeg { angle_deg: value, velocity_deg_s: 77.0 },
+        };
+        let (fixture, last) = (Fixture::Free, now.index >= 29);
+        Step { target, brake_open: true, bypass_open: false, fixture, segment: 0, index: 0, last, waiting: None }
+    }
+}
+
+struct Silent;
+
+impl Controller for Silent {
+    fn control(&mut self, _now: Tick, _measured: &Measurement, _step: &Step) -> f64 {
+        0.0
+    }
+}
+
+#[test]
+fn a_sample_holds_what_the_profile_asks_for_also_where_the_command_is_the_safe_state() {
+    let mut rig = Rig::new(30, 0.0);
+    rig.people = Box::new(People(vec![(20, Demand::EmergencyStop)]));
+    let stages = Stages {
+        clock: &mut Lockstep::default(),
+        device: &mut rig.tank,
+        operator: &mut *rig.people,
+        supervisor: &mut rig.supervisor,
+        reference: &mut EveryKind,
+        controller: &mut Silent,
+        publish: &mut rig.book,
+        flight: &mut rig.flight,
+    };
+    let report = rt_core::run(stages, Run { number: 0, overrun: OverrunPolicy::Skip }).unwrap();
+    assert_eq!((report.ended, report.trip.map(|trip| trip.tick)), (Ended::Tripped, Some(20)));
+    for (k, sample) in rig.book.samples.iter().enumerate() {
+        let (kind, _, _) = TargetKind::LIST[k % 6];
+        assert_eq!(sample.target(), Some((kind, k as f64 / 8.0 - 1.0)), "tick {k}");
+        assert_eq!((sample.target_of, sample.tripped()), (k as u32 % 6 + 1, k >= 20), "tick {k}");
+    }
+    assert!(rig.book.samples.len() > 21);
 }
 
 #[test]
@@ -190,6 +243,7 @@ fn a_device_that_fails_is_made_safe_and_the_run_is_closed() {
         let last = rig.book.samples.last().unwrap();
         assert_eq!((last.tick, last.fault(), last.last()), (3, true, true));
         assert!(last.pressure1_bar.is_nan() && last.voltage_v == 0.0);
+        assert!(last.target().is_none() && last.target.is_nan(), "the profile was not asked, or not obeyed");
         assert_eq!(
             last.flags,
             flags::FAULT | flags::LAST | flags::BYPASS_OPEN,

@@ -206,12 +206,14 @@ fn one_flipped_bit_is_found_at_its_tick_and_under_its_name() {
             assert_eq!(difference.field, "voltage_v", "tick {tick}, bit {flipped}");
         }
     }
-    let forgeries: [(&str, Forge); 6] = [
+    let forgeries: [(&str, Forge); 8] = [
         ("segment", |s| s.segment += 1),
         ("step", |s| s.step ^= 1),
         ("flags", |s| s.flags ^= flags::BRAKE_OPEN),
         ("flags", |s| s.flags ^= flags::SLEW_LIMITED),
         ("trip", |s| s.trip = 0x0303),
+        ("target", |s| s.target += 1e-12),
+        ("target_of", |s| s.target_of += 1),
         ("tick", |s| s.tick += 1),
     ];
     for (field, forge) in forgeries {
@@ -221,6 +223,17 @@ fn one_flipped_bit_is_found_at_its_tick_and_under_its_name() {
         let difference = verdict.difference.unwrap();
         assert_eq!((difference.tick - u64::from(field == "tick"), difference.field), (700, field));
     }
+}
+
+#[test]
+fn a_recording_from_before_samples_held_targets_is_judged_by_the_rest() {
+    let mut rig = noisy(300, OverrunPolicy::Skip);
+    rig.run_in_lockstep(0).unwrap();
+    rig.book.samples.iter_mut().for_each(|s| (s.target, s.target_of) = (f64::NAN, 0));
+    assert_agrees(&rig, "without targets").unwrap();
+    rig.book.samples[200].segment += 1;
+    let difference = replay_of(&rig).0.difference.unwrap();
+    assert_eq!((difference.tick, difference.field), (200, "segment"));
 }
 
 #[test]

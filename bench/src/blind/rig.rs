@@ -5,7 +5,7 @@ use super::plan::{Stream, chance};
 use super::sensors::{Errors, in_log};
 use model::Parameters;
 use model::effects::{Effect, EffectSet};
-use model::parameters::index;
+use model::parameters::{close_losses, index};
 use model::rec::STATES;
 use rand::Rng;
 use serde::{Deserialize, Serialize};
@@ -73,8 +73,7 @@ pub fn draw(seed: u64, case: usize, attempt: u64) -> Rig {
     // a part of the slip and of the losses goes with the oil's thickness
     k[index::F3] *= 1.0 + 0.5 * (thin - 1.0);
     k[index::L2] *= 1.0 + 0.5 * (1.0 / thin - 1.0);
-    let a = k[index::A];
-    k[index::L4] = (k[index::L1] * a * a + k[index::L2] * a + k[index::L3]) / a;
+    close_losses(&mut k);
     Rig {
         oil_c,
         parameters: Parameters::from_vector(&k, u_max),

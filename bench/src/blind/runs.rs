@@ -15,7 +15,7 @@ use model::{ModelFile, Parameters};
 use profiles::{Context, Hands, Plane, Script};
 use rand::Rng;
 use recordings::{Campaign, Protocol, Recording, RigFacts, RunEntry, UnknownWord};
-use rt_core::{Clock, Limits, PERIOD_NS, Run, Sample, Stages, Supervisor, Tick, Wake};
+use rt_core::{Clock, Limits, Run, Sample, Stages, Supervisor, Tick, Wake};
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -105,7 +105,7 @@ fn run(
     let report =
         rt_core::run(stages, Run { number, overrun: script.overrun }).map_err(|e| Failure::of(Kind::Device, &e))?;
     judge(&script.name, &report)?;
-    Ok((columns(&samples), device.clean))
+    Ok((Recording::of_samples(&samples), device.clean))
 }
 
 /// Virtual time in which only every so many ticks take place: a loop of a slower rig.
@@ -127,23 +127,6 @@ impl Clock for Sparse {
 
     fn now_ns(&mut self) -> u64 {
         self.now_ns
-    }
-}
-
-/// The samples as columns; every value is of its tick.
-fn columns(samples: &[Sample]) -> Recording {
-    let column = |of: fn(&Sample) -> f64| samples.iter().map(of).collect();
-    Recording {
-        time_s: samples.iter().map(|s| s.tick as f64 * (PERIOD_NS as f64 * 1e-9)).collect(),
-        voltage_v: column(|s| s.voltage_v),
-        angle_deg: column(|s| s.angle_deg),
-        pressure1_bar: column(|s| s.pressure1_bar),
-        pressure2_bar: column(|s| s.pressure2_bar),
-        torque_nm: column(|s| s.torque_nm),
-        volume_ml: column(|s| s.volume_ml),
-        brake_open: samples.iter().map(Sample::brake_open).collect(),
-        bypass_open: samples.iter().map(Sample::bypass_open).collect(),
-        segment: samples.iter().map(|s| i64::from(s.segment)).collect(),
     }
 }
 

@@ -89,6 +89,10 @@ const ROWS: [Column; 10] = [
     Column { name: "segment", unit: "", about: "counts the set points of the protocol", kind: Kind::Integer },
 ];
 
+/// The list of [`rt_core::TargetKind`] in words; a test compares them.
+const TARGET_OF: &str = "what the target is of: 1 voltage, V; 2 flow, ml/s; 3 pressure of chamber 1, bar; 4 pressure of chamber 2, bar; \
+                         5 pressure difference, bar; 6 angle, deg; 0 = there is none";
+
 type Field<T> = (Column, fn(&T) -> Cell);
 
 const fn nat32(value: u32) -> Cell {
@@ -112,6 +116,8 @@ const RAW: &[Field<Sample>] = &[
     (BYPASS, |s| bit(s, flags::BYPASS_OPEN)),
     (natural("segment", "", "set point of the protocol"), |s| nat32(s.segment)),
     (natural("step", "", "active step of the profile, through its unrolled loops from 0"), |s| nat32(s.step)),
+    (number("target", "", "what the profile asks for; of what and in which unit: target_of"), |s| Cell::Number(s.target)),
+    (natural("target_of", "", TARGET_OF), |s| nat32(s.target_of)),
     (natural("run", "", "number of the run within the service's life"), |s| nat32(s.run)),
     (natural("version", "", "layout of the sample"), |s| nat32(s.version)),
     (natural("tick", "", "number of the 1 ms period since the run's start"), |s| Cell::Natural(s.tick)),
@@ -227,6 +233,12 @@ mod tests {
                 assert!(!named || said == unit || (unit == "c" && said == "degc"), "{column:?}");
             }
         }
+    }
+
+    #[test]
+    fn the_kinds_of_targets_are_named_as_in_the_list() {
+        let list = rt_core::TargetKind::LIST.map(|(kind, name, unit)| format!("{} {name}, {unit}", kind.code()));
+        assert_eq!(TARGET_OF, format!("what the target is of: {}; 0 = there is none", list.join("; ")));
     }
 
     #[test]

@@ -35,10 +35,10 @@ pub fn play(script: &Script, rig: &Rig, plant: &ModelFile, seed: u64) -> Result<
     Ok((prediction, thinned(&samples)))
 }
 
+/// A row each so many milliseconds, and wherever an input changes or the cylinder is read.
 fn thinned(samples: &[Sample]) -> Recording {
-    let mut r = Recording::default();
     let mut before: Option<&Sample> = None;
-    for s in samples {
+    let kept = samples.iter().filter(|s| {
         let changed = before.is_none_or(|b| {
             b.voltage_v != s.voltage_v
                 || b.segment != s.segment
@@ -46,19 +46,7 @@ fn thinned(samples: &[Sample]) -> Recording {
                 || b.bypass_open() != s.bypass_open()
         });
         before = Some(s);
-        if !(changed || s.tick % EVERY_MS == 0 || s.volume_ml.is_finite()) {
-            continue;
-        }
-        r.time_s.push(s.time_s());
-        r.voltage_v.push(s.voltage_v);
-        r.angle_deg.push(s.angle_deg);
-        r.pressure1_bar.push(s.pressure1_bar);
-        r.pressure2_bar.push(s.pressure2_bar);
-        r.torque_nm.push(s.torque_nm);
-        r.volume_ml.push(s.volume_ml);
-        r.brake_open.push(s.brake_open());
-        r.bypass_open.push(s.bypass_open());
-        r.segment.push(i64::from(s.segment));
-    }
-    r
+        changed || s.tick % EVERY_MS == 0 || s.volume_ml.is_finite()
+    });
+    Recording::of_samples(kept)
 }

@@ -59,6 +59,8 @@ pub fn sample(tick: u64) -> Sample {
         segment: (tick / 500) as u32,
         step: (tick / 250) as u32,
         quality: 31,
+        target: 30.0 * (t * 2.1).sin(),
+        target_of: 6,
         flags: if tick % 700 < 350 { flags::BRAKE_OPEN } else { flags::BYPASS_OPEN | flags::SLEW_LIMITED },
         ..Sample::BLANK
     }

@@ -4,10 +4,13 @@ use model::effects::Effect;
 use model::effects::empirical::EMPIRICAL;
 use model::integrate::SimulationError;
 
+use super::holdout::HoldOut;
 use super::round::Round;
 use super::search::Search;
 use super::{PREFERRED, Ranked};
+use crate::colour::Colour;
 use crate::fit::{Effort, Fit};
+use crate::misfit;
 use crate::problem::{Point, Problem};
 use crate::refit::{Bases, Refit, advantage, refit};
 use crate::score::Direction;
@@ -240,8 +243,14 @@ pub(super) fn where_they_differ(problem: &Problem, a: &Fit, b: &Fit) -> Result<S
     ))
 }
 
-/// The balance whose nameless terms explain most, refitted. `round`: of those terms at the reference model `nested`.
-pub(super) fn empirical(search: &Search, nested: &Fit, round: &Round) -> Result<Option<Fit>, SimulationError> {
+/// The balance whose nameless terms predict left-out data best, refitted: what is fitted better may only be the set with more terms.
+/// `round`: of those terms at the reference model `nested`; `colours`: of the noise.
+pub(super) fn empirical(
+    search: &Search,
+    nested: &Fit,
+    round: &Round,
+    colours: &[Colour],
+) -> Result<Option<Fit>, SimulationError> {
     let ports = search.problem.plant.header().ports;
     let terms = EMPIRICAL.iter().filter(|e| e.header().ports.iter().all(|p| ports.contains(p)));
     let mut gains: Vec<(f64, &'static dyn Effect)> =
@@ -252,8 +261,17 @@ pub(super) fn empirical(search: &Search, nested: &Fit, round: &Round) -> Result<
     let bases = Bases { current: nested, component: search.component, short: &search.short, gross: false };
     let worth = gains.into_iter().filter(|(g, _)| *g > 0.3 * top).take(3);
     let sets: Vec<Vec<&'static dyn Effect>> = worth.map(|(_, e)| vec![e]).collect();
-    let refits = refit_all(&search.brief, &bases, round, &sets, search.progress);
-    let Some(best) = refits.into_iter().next() else { return Ok(None) };
+    let (clusters, _) = crate::score::clusters(&search.brief);
+    let mut best: Option<(f64, Fit)> = None;
+    for refit in refit_all(&search.brief, &bases, round, &sets, search.progress) {
+        let held_out = HoldOut::of(&search.brief, &refit.fit, &clusters)?.residuals();
+        let left = misfit::total(&misfit::parts(&search.brief, &held_out, colours));
+        tracing::info!(term = ?refit.added, cost = refit.fit.cost, left, "nameless terms on data left out");
+        if best.as_ref().is_none_or(|(least, _)| left < *least) {
+            best = Some((left, refit.fit));
+        }
+    }
+    let Some((_, best)) = best else { return Ok(None) };
     let effort = Effort { iterations: 8, tolerance: 1e-4, ..Effort::default() };
-    Ok(crate::fit::fit(search.problem, &best.fit.layout, best.fit.point, effort).ok())
+    Ok(crate::fit::fit(search.problem, &best.layout, best.point, effort).ok())
 }

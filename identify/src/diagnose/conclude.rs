@@ -96,7 +96,7 @@ impl Search<'_> {
         } else {
             let nested = self.nested(&step.fit)?;
             let open = self.open(&nested);
-            let last = Round::new(&self.brief, &nested, open.into_iter())?;
+            let last = Round::usual(&self.brief, &nested, &open)?;
             balance_p_values(first, &last, &effects)
         };
         let (parts_before, parts_after) = (found.parts(self.problem, &before), found.parts(self.problem, &step));
@@ -124,7 +124,7 @@ impl Search<'_> {
         if p > LEVEL && !certain {
             return Ok(None);
         }
-        let Some(fit) = empirical(self, &nested, &round)? else { return Ok(None) };
+        let Some(fit) = empirical(self, &nested, &round, &found.colours)? else { return Ok(None) };
         let step = self.step(fit, Vec::new(), None)?;
         found.learn(self.problem, &step.residual);
         let before = self.left(found, &reference);

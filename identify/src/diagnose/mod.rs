@@ -9,6 +9,7 @@ mod conclude;
 mod holdout;
 mod round;
 mod search;
+mod superseded;
 
 use model::effects::{Balance, Effect, LIBRARY};
 use model::integrate::SimulationError;
@@ -112,6 +113,8 @@ const SUBSTANTIAL: f64 = 0.05;
 const DISAGREE: f64 = 0.3;
 /// Most effects that are named together. With more the data are fitted by any names.
 const MOST_EFFECTS: usize = 2;
+/// Rounds in which they are looked for: a name that a later one makes needless leaves its place.
+const MOST_ROUNDS: usize = 3;
 
 /// Candidates are screened and first refitted on this much of each run with a free lever, s; the leaders then on all.
 const BRIEF_S: f64 = 40.0;
@@ -166,11 +169,11 @@ pub fn diagnose_declared(
     let first = Round::new(&search.brief, &nested, library.iter().copied())?;
     progress("candidates scored");
     let mut found = search.start()?;
-    for number in 0..MOST_EFFECTS {
+    for number in 0..MOST_ROUNDS {
         let largest = misfit::largest(&found.parts(search.problem, found.last()));
         tracing::info!(number, largest, "structured residual, noise floors");
         // what is left of an effect whose form differs a little is not a second effect
-        if largest < if number == 0 { MATERIAL } else { SECOND } {
+        if found.last().names.len() >= MOST_EFFECTS || largest < if number == 0 { MATERIAL } else { SECOND } {
             break;
         }
         let step = if number == 0 {
@@ -182,7 +185,7 @@ pub fn diagnose_declared(
             search.round(&mut found, &nested, &round)?
         };
         match step {
-            Some(step) => found.steps.push(step),
+            Some(step) => found.take(step),
             None => break,
         }
     }

@@ -2,6 +2,7 @@
 
 use model::effects::Effect;
 use model::integrate::SimulationError;
+use rayon::prelude::*;
 
 use crate::fit::Fit;
 use crate::problem::Problem;
@@ -23,8 +24,23 @@ impl<'a> Round<'a> {
     ) -> Result<Self, SimulationError> {
         let scene = Scene::new(problem, fit)?;
         let directions: Vec<Direction> = candidates.flat_map(|e| scene.directions(e)).collect();
+        Ok(Self::with(scene, directions))
+    }
+
+    /// With each candidate's usual direction alone: enough to say whether a balance is at peace.
+    pub fn usual(
+        problem: &'a Problem,
+        fit: &'a Fit,
+        candidates: &[&'static dyn Effect],
+    ) -> Result<Self, SimulationError> {
+        let scene = Scene::new(problem, fit)?;
+        let directions = candidates.par_iter().filter_map(|e| scene.usual_direction(*e)).collect();
+        Ok(Self::with(scene, directions))
+    }
+
+    fn with(scene: Scene<'a>, directions: Vec<Direction>) -> Self {
         let gram = Gram::new(&directions);
-        Ok(Round { scene, directions, gram })
+        Round { scene, directions, gram }
     }
 
     /// Positions of an effect's directions that may be used, the best first.

@@ -71,6 +71,16 @@ impl Found {
         self.steps.last().unwrap_or_else(|| unreachable!("the reference model is a step"))
     }
 
+    /// Goes on from a step. One that has dropped an earlier name stands in that one's place.
+    pub fn take(&mut self, step: Step) {
+        let keeps = |before: &Step| {
+            let ids: Vec<&str> = step.names.iter().map(|n| n.effect.header().id).collect();
+            before.names.iter().all(|n| ids.contains(&n.effect.header().id))
+        };
+        self.steps.retain(keeps);
+        self.steps.push(step);
+    }
+
     pub fn parts(&self, problem: &Problem, step: &Step) -> Vec<Part> {
         misfit::parts(problem, &step.residual, &self.colours)
     }
@@ -178,10 +188,12 @@ impl<'a> Search<'a> {
         let step = self.step(fit, names, next_experiment)?;
         found.learn(self.problem, &step.residual);
         let accepted = self.accepts(found, &last, &step, best)?;
-        if accepted {
-            (self.progress)(&format!("added {}", best.added.join(" and ")));
+        if !accepted {
+            return Ok(None);
         }
-        Ok(accepted.then_some(step))
+        (self.progress)(&format!("added {}", best.added.join(" and ")));
+        let lean = self.without_superseded(&step, &best.fit, last.names.len())?;
+        Ok(Some(lean.unwrap_or(step)))
     }
 
     /// Every judge agrees: the fit is better where it was fitted and where it was not, by more than noise matters, and what

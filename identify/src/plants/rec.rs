@@ -3,9 +3,9 @@
 use model::Parameters;
 use model::effects::{Balance, LIBRARY};
 use model::integrate::SimulationError;
-use model::parameters::{COUNT, NAMES, UNITS, index};
+use model::parameters::{COUNT, NAMES, UNITS, close_losses, index};
 use model::port::PortKind;
-use model::scalar::{Scalar, Tangent};
+use model::scalar::Tangent;
 
 use crate::layout::Layout;
 use crate::plant::{BaseParameter, Plant, PlantHeader, Quantity};
@@ -145,12 +145,6 @@ impl Plant for Rec {
     ) -> Result<Vec<Vec<f64>>, SimulationError> {
         Ok(predict::predict_rows(stretch, layout, theta, initial)?.iter().map(|y| y.to_vec()).collect())
     }
-}
-
-/// eq. (16) is continuous at |w| = a
-fn close_losses<S: Scalar>(k: &mut [S]) {
-    use index::*;
-    k[L4] = ((k[L1] * k[A] + k[L2]) * k[A] + k[L3]) / k[A];
 }
 
 /// What only a layout of the rig has.

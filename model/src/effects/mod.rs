@@ -233,6 +233,20 @@ pub struct EffectSet<S> {
     pub(crate) closes_volume: bool,
 }
 
+impl EffectSet<Tangent> {
+    /// The same effects by their values, without derivatives.
+    pub(crate) fn values(&self) -> EffectSet<f64> {
+        let value = |a: &Active<Tangent>| Active {
+            effect: a.effect,
+            k: a.k.iter().map(|v| v.value).collect(),
+            own: a.own.clone(),
+            ports: a.ports,
+        };
+        let EffectSet { states, ports, sensor_states, closes_volume, .. } = *self;
+        EffectSet { items: self.items.iter().map(value).collect(), states, ports, sensor_states, closes_volume }
+    }
+}
+
 impl<S: Scalar> EffectSet<S> {
     /// No effect: the reference model.
     pub fn none() -> Self {

@@ -1,4 +1,4 @@
-//! The run in `data/format_2.mcap`, which holds something of everything that format 2 knows. No sines: every value is the same on every
+//! The runs in `data/format_2.mcap` and `data/sample_3.mcap`, which hold something of everything that format 2 knows. No sines: every value is the same on every
 //! machine.
 
 use std::collections::BTreeMap;
@@ -85,6 +85,19 @@ pub fn samples(count: u64) -> Vec<Sample> {
         .collect()
 }
 
+/// The same run with samples of version 3: every kind of target, and ticks without one.
+pub fn samples_3(count: u64) -> Vec<Sample> {
+    let mut samples = samples(count);
+    for (number, sample) in samples.iter_mut().enumerate() {
+        sample.target_of = (number / 25 % 7) as u32;
+        if sample.target_of != 0 {
+            // Eighths: exact; 0 and both signs occur.
+            sample.target = ((number * 7) % 400) as f64 / 8.0 - 25.0;
+        }
+    }
+    samples
+}
+
 /// Events before samples of the run.
 pub fn events() -> Vec<Event> {
     let event = |tick: u64, severity, source: &str, text: &str| Event {
@@ -128,11 +141,11 @@ pub fn written() -> Vec<Item> {
     items.into_iter().map(|(_, item)| item).collect()
 }
 
-/// Writes the run: events and reports before the first sample that is not earlier.
+/// Writes the run with samples of version 3: events and reports before the first sample that is not earlier.
 pub fn write(path: &Path, count: u64) {
     let mut writer = McapWriter::create(path, &metadata()).unwrap();
     let mut others = written().into_iter().peekable();
-    for sample in samples(count) {
+    for sample in samples_3(count) {
         let due = |item: &Item| match item {
             Item::Event(event) => event.tick <= sample.tick,
             Item::Amplifier(report) => report.tick <= sample.tick,

@@ -138,11 +138,14 @@ pub fn sample_bits(sample: &Sample) -> Vec<u64> {
         flags,
         quality,
         trip,
+        target,
+        target_of,
+        reserved,
     } = *sample;
     let wide = [tick, scheduled_ns, woken_ns, lateness_ns, skipped];
-    let values = [voltage_v, angle_deg, pressure1_bar, pressure2_bar, torque_nm, volume_ml].map(bits);
+    let values = [voltage_v, angle_deg, pressure1_bar, pressure2_bar, torque_nm, volume_ml, target].map(bits);
     let stages = [read_ns, check_ns, reference_ns, control_ns, write_ns, publish_ns];
-    let others = [version, run, heartbeat_age_ns, behind_ns, segment, step, flags, quality, trip];
+    let others = [version, run, heartbeat_age_ns, behind_ns, segment, step, flags, quality, trip, target_of, reserved];
     let small = age_ns.into_iter().chain(stages).chain(others).map(u64::from);
     wide.into_iter().chain(values).chain(small).collect()
 }

@@ -5,8 +5,10 @@
 //! chamber 1, pressures are absolute. Units stand in the names. A value that was not measured is `NaN`.
 
 mod sample;
+mod target_kind;
 
 pub use sample::{SAMPLE_VERSION, Sample, flags};
+pub use target_kind::TargetKind;
 
 /// Period of the loop, nanoseconds (1 kHz).
 pub const PERIOD_NS: u64 = 1_000_000;

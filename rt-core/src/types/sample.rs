@@ -2,10 +2,10 @@
 
 use iceoryx2::prelude::ZeroCopySend;
 
-use super::Measurement;
+use super::{Measurement, TargetKind};
 
 /// Version of [`Sample`]'s layout; a subscriber refuses another.
-pub const SAMPLE_VERSION: u32 = 2;
+pub const SAMPLE_VERSION: u32 = 3;
 
 /// One tick as it is published. Fixed size, versioned; the type name is part of the service's contract with other
 /// languages. Durations of 4.3 s and more read `u32::MAX`.
@@ -67,6 +67,13 @@ pub struct Sample {
     pub quality: u32,
     /// Why the supervisor tripped: 0 = it has not, otherwise [`Trip::code`](crate::supervisor::Trip::code).
     pub trip: u32,
+    /// What the profile asks for at this tick, in the unit of `target_of`; NaN = nothing. It stands here also where the
+    /// command is the safe state: what was asked, not what was given.
+    pub target: f64,
+    /// What `target` is of: the number of a [`TargetKind`], 0 = there is none.
+    pub target_of: u32,
+    /// Fills the layout up to its alignment; 0.
+    pub reserved: u32,
 }
 
 /// Bits of [`Sample::flags`].
@@ -158,6 +165,11 @@ impl Sample {
         }
     }
 
+    /// What the profile asks for at this tick, and its value in that kind's unit.
+    pub fn target(&self) -> Option<(TargetKind, f64)> {
+        TargetKind::of_code(self.target_of).map(|kind| (kind, self.target))
+    }
+
     /// From wake-up to the last stage before publication, ns.
     pub fn execution_ns(&self) -> u64 {
         [self.read_ns, self.check_ns, self.reference_ns, self.control_ns, self.write_ns].map(u64::from).iter().sum()
@@ -192,6 +204,9 @@ impl Sample {
         flags: 0,
         quality: 0,
         trip: 0,
+        target: f64::NAN,
+        target_of: 0,
+        reserved: 0,
     };
 }
 
@@ -203,9 +218,9 @@ mod tests {
     /// The layout is a contract with subscribers in other languages and with recordings: changing it is a new
     /// [`SAMPLE_VERSION`].
     #[test]
-    fn layout_of_version_2() {
-        assert_eq!(SAMPLE_VERSION, 2);
-        assert_eq!((size_of::<Sample>(), align_of::<Sample>()), (168, 8));
+    fn layout_of_version_3() {
+        assert_eq!(SAMPLE_VERSION, 3);
+        assert_eq!((size_of::<Sample>(), align_of::<Sample>()), (184, 8));
         let offsets = [
             ("version", offset_of!(Sample, version), 0),
             ("run", offset_of!(Sample, run), 4),
@@ -234,6 +249,9 @@ mod tests {
             ("flags", offset_of!(Sample, flags), 156),
             ("quality", offset_of!(Sample, quality), 160),
             ("trip", offset_of!(Sample, trip), 164),
+            ("target", offset_of!(Sample, target), 168),
+            ("target_of", offset_of!(Sample, target_of), 176),
+            ("reserved", offset_of!(Sample, reserved), 180),
         ];
         for (field, offset, documented) in offsets {
             assert_eq!(offset, documented, "offset of {field}");

@@ -1,0 +1,49 @@
+//! Names that a later one makes needless.
+//!
+//! Where two effects act, the first round may name a third one that does a little of both. Once the true ones are there, the fit is as
+//! good without it.
+
+use model::integrate::SimulationError;
+
+use super::PREFERRED;
+use super::search::{Search, Step};
+use crate::fit::{Effort, Fit};
+use crate::problem::Problem;
+use crate::refit::advantage;
+
+impl Search<'_> {
+    /// The step without the name before the last ones that it needs least, fitted to the whole; `None` where it needs all. `brief`: its
+    /// fit to the brief runs; `earlier`: how many of its names are not of the last round.
+    pub fn without_superseded(
+        &self,
+        step: &Step,
+        brief: &Fit,
+        earlier: usize,
+    ) -> Result<Option<Step>, SimulationError> {
+        for name in &step.names[..earlier] {
+            let id = name.effect.header().id;
+            let Some(n) = brief.layout.effects.iter().position(|e| e.header().id == id) else { continue };
+            let Some(less) = needless(&self.brief, brief, n)? else { continue };
+            let effort = Effort { iterations: 30, tolerance: 1e-6, ..Effort::default() };
+            let point = less.point;
+            let Ok(fit) = crate::fit::fit(self.problem, &less.layout, point, effort) else { continue };
+            let names = step.names.iter().filter(|other| other.effect.header().id != id).cloned().collect();
+            (self.progress)(&format!("{id} is no longer needed"));
+            return self.step(fit, names, step.next_experiment.clone()).map(Some);
+        }
+        Ok(None)
+    }
+}
+
+/// The fit without its `n`-th effect, where it is as good, cluster by cluster.
+fn needless(problem: &Problem, fit: &Fit, n: usize) -> Result<Option<Fit>, SimulationError> {
+    let (clusters, count) = crate::score::clusters(problem);
+    let with = problem.residuals(&fit.layout, &fit.point)?;
+    let (layout, point) = fit.without(n);
+    let effort = Effort { iterations: 15, tolerance: 1e-6, ..Effort::default() };
+    let Ok(less) = crate::fit::fit(problem, &layout, point, effort) else { return Ok(None) };
+    let left = problem.residuals(&less.layout, &less.point)?;
+    let (_, worse) = advantage(&left, &with, &clusters, count);
+    tracing::info!(name = fit.layout.effects[n].header().id, worse, "is an earlier name still needed");
+    Ok((worse < PREFERRED).then_some(less))
+}
