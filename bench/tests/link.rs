@@ -2,10 +2,10 @@
 //! cut. Without root the namespaces can't be had; the test says so, and with `REC_BENCH_PEERS=required` fails where it is root.
 #![allow(clippy::unwrap_used, reason = "a test")]
 
-mod link;
+mod ends;
 
-use link::network::{Network, RIG};
-use link::{BENCH, Running, compare, read};
+use ends::network::{Network, RIG};
+use ends::{BENCH, Running, compare, read};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::thread;
@@ -159,8 +159,10 @@ fn over_a_bad_network_gaps_are_certified_and_an_emergency_stop_crosses() {
     assert!(with <= without + 1_200, "a tenth of the run more: {without} without a link, {with} with one");
 
     let tripped = dir.path().join("tripped.mcap");
+    connect.wait_for("run 0 has crossed");
+    connect.said.clear(); // another program, another run 0
     let running = run(command(0), &profile, &tripped, &instances[0]);
-    connect.wait_for("begins\nrun 0: ");
+    connect.wait_for("run 0 begins");
     thread::sleep(Duration::from_secs(2));
     let stop = command(1).args(["stop", "--emergency", "--instance", &instances[1]]).output().unwrap();
     let said = [stop.stdout, stop.stderr].map(|text| String::from_utf8_lossy(&text).into_owned()).concat();

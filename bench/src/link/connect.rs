@@ -273,7 +273,7 @@ impl Arrival<'_> {
     /// Says of each run that has ended how much of it crossed.
     fn certify(&mut self) {
         while let Some(certificate) = self.passage.certificate() {
-            (self.say)(&format!("run {}: {certificate} crossed", certificate.run));
+            (self.say)(&format!("run {} has crossed: {certificate}", certificate.run));
             self.lost = 0;
         }
     }

@@ -1,4 +1,5 @@
 //! Programs that run beside each other, and recordings that are compared.
+#![allow(dead_code)] // each test binary uses its part
 
 pub mod network;
 

@@ -42,7 +42,9 @@ impl Network {
                 let root = unsafe { libc::geteuid() } == 0;
                 let required = root && std::env::var("REC_BENCH_PEERS").is_ok_and(|value| value == "required");
                 assert!(!required, "network namespaces: {why}");
-                eprintln!("NOT TESTED: the link over two network namespaces: {why} (needs root, `ip` and /dev/net/tun)");
+                eprintln!(
+                    "NOT TESTED: the link over two network namespaces: {why} (needs root, `ip` and /dev/net/tun)"
+                );
                 None
             }
         }
@@ -116,14 +118,7 @@ impl Drop for Network {
 }
 
 /// Reads packets of one device and hands those on that the weather lets through.
-fn take(
-    from: &mut File,
-    late: &Sender<(Instant, Vec<u8>)>,
-    weather: &Weather,
-    delay: Duration,
-    loss: f64,
-    seed: u64,
-) {
+fn take(from: &mut File, late: &Sender<(Instant, Vec<u8>)>, weather: &Weather, delay: Duration, loss: f64, seed: u64) {
     // The same losses in every test: xorshift.
     let mut state = 0x9E37_79B9_7F4A_7C15_u64 ^ (seed + 1);
     let mut packet = vec![0; 2048];
@@ -154,7 +149,8 @@ fn take(
 
 /// A new TUN device of this name.
 fn tun(name: &str) -> Result<File, String> {
-    let file = OpenOptions::new().read(true).write(true).open("/dev/net/tun").map_err(|e| format!("/dev/net/tun: {e}"))?;
+    let file =
+        OpenOptions::new().read(true).write(true).open("/dev/net/tun").map_err(|e| format!("/dev/net/tun: {e}"))?;
     // SAFETY: a structure of numbers, for which zero is a value.
     let mut request: libc::ifreq = unsafe { std::mem::zeroed() };
     for (to, from) in request.ifr_name.iter_mut().zip(name.bytes()) {
