@@ -83,11 +83,17 @@ fn loopback() -> String {
 fn over_loopback_everything_crosses_and_the_far_recording_can_be_replayed() {
     let (dir, profile) = profile(3);
     let instances = instances("loopback");
-    let [mut serve, mut connect] = link(&here, &instances, &loopback(), false);
+    let address = loopback();
+    let [mut serve, mut connect] = link(&here, &instances, &address, false);
     let (own, far) = (dir.path().join("rig.mcap"), dir.path().join("far.mcap"));
     let recorder = record(here(1), &far, &instances[1]);
     let mut running = run(here(0), &profile, &own, &instances[0]);
     connect.wait_for("run 0 begins");
+
+    // The port is taken: said in plain words.
+    let again = here(0).args(["link", "serve", "--instance", &instances[0], "--listen", &address]).output().unwrap();
+    let said = String::from_utf8_lossy(&again.stderr).into_owned();
+    assert!(again.status.code() == Some(4) && said.contains("--listen") && !said.contains(".rs"), "{said}");
 
     // Read-only: to look is allowed, to stop is not.
     let ask = |arguments: &[&str]| {

@@ -19,6 +19,7 @@ pub mod serve;
 use crate::failure::{Failure, Kind};
 use serde::{Deserialize, Serialize};
 use std::fmt::Display;
+use std::net::TcpListener;
 use zenoh::{Config, Session, Wait};
 
 /// Port where none is named.
@@ -98,12 +99,16 @@ fn session(listen: &[String], connect: &[String]) -> Result<Session, Failure> {
     for (key, value) in settings {
         config.insert_json5(key, &value).map_err(|e| broken(&format!("zenoh's setting {key}"), &e))?;
     }
-    zenoh::open(config).wait().map_err(|error| {
-        let at = if listen.is_empty() { connect.join(", ") } else { listen.join(", ") };
-        Failure::new(
-            Kind::Device,
-            format!("{at}: the link can't be opened: {error}; is the address this machine's, and the port free?"),
-        )
+    zenoh::open(config).wait().map_err(|e| broken("opening", &e))
+}
+
+/// Whether the address is this machine's and free, in the system's own words, which zenoh's wrap.
+fn free(endpoint: &str) -> Result<(), Failure> {
+    TcpListener::bind(endpoint.trim_start_matches("tcp/")).map(drop).map_err(|error| {
+        let message = format!(
+            "{endpoint}: expected an address of this machine and a port that is free, got \"{error}\"; choose another --listen"
+        );
+        Failure::new(Kind::Device, message)
     })
 }
 

@@ -2,7 +2,7 @@
 //! is allowed, passes commands on to the run.
 
 use super::message::{Asked, Said};
-use super::{State, VERSION, broken, key, session};
+use super::{State, VERSION, broken, free, key, session};
 use crate::failure::{Failure, Kind};
 use recordings::carry;
 use rt_core::announce::Announcements;
@@ -49,6 +49,7 @@ type Setups = Arc<Mutex<BTreeMap<u32, Vec<u8>>>>;
 pub fn serve(settings: &Settings, end: &AtomicBool, say: &(dyn Fn(&str) + Sync)) -> Result<(), Failure> {
     let Settings { instance, listen, control } = settings;
     let link = |e: LinkError| Failure::of(Kind::Device, &e);
+    listen.iter().try_for_each(|endpoint| free(endpoint))?;
     // Before the network: who connects finds something.
     let announcements = Announcements::open(instance).map_err(link)?;
     let subscriber = SampleSubscriber::open(instance, Delivery::BestEffort).map_err(link)?;
