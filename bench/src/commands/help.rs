@@ -144,7 +144,9 @@ mod tests {
             }
         }
         assert!(help.contains("--version") && help.contains("130  interrupted"), "{help}");
-        assert!(help.lines().all(|line| line.chars().count() <= COLUMNS + 8), "{help}");
+        let listed = help.lines().filter(|line| line.starts_with("  "));
+        assert!(listed.clone().count() > COMMANDS.len());
+        assert!(listed.into_iter().all(|line| line.chars().count() <= COLUMNS), "{help}");
         let mut with_help = command();
         for entry in COMMANDS {
             let sub = with_help.find_subcommand_mut(entry.name).expect("it is in the table");

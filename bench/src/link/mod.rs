@@ -66,13 +66,12 @@ pub fn endpoint(address: &str) -> Result<String, Failure> {
     }
     // The colons of a bare IPv6 address are no port's.
     let (host, port) = match bare.rsplit_once(':') {
+        _ if bare.ends_with(']') => (bare, PORT),
         Some((host, _)) if host.contains(':') && !host.ends_with(']') => {
             return Err(wrong("an IPv6 address without brackets"));
         }
-        Some((host, port)) if !bare.ends_with(']') => {
-            (host, port.parse::<u16>().map_err(|_| wrong(&format!("the port {port:?}")))?)
-        }
-        _ => (bare, PORT),
+        Some((host, port)) => (host, port.parse::<u16>().map_err(|_| wrong(&format!("the port {port:?}")))?),
+        None => (bare, PORT),
     };
     if host.is_empty() { Err(wrong("no host")) } else { Ok(format!("tcp/{host}:{port}")) }
 }
