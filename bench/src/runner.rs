@@ -95,6 +95,8 @@ pub struct Runner {
     journals: JournalReader,
     rig: RigRecord,
     next_run: u32,
+    /// What the system refuses the loop's thread was said.
+    refusals_said: bool,
 }
 
 impl Runner {
@@ -160,6 +162,7 @@ impl Runner {
             journals,
             rig: RigRecord::default(),
             next_run: 0,
+            refusals_said: false,
         };
         if let Some((_, report)) = &runner.system {
             runner.judge_system(report, progress)?;
@@ -240,6 +243,7 @@ impl Runner {
             journals,
             people,
             instance,
+            refusals_said,
             ..
         } = self;
         let mut crier = Crier::new(&requests, instance);
@@ -302,7 +306,7 @@ impl Runner {
                     let granted = from_loop.recv().unwrap_or_default();
                     if let Some((_, report)) = system {
                         let thread_report = Report::new(granted);
-                        say_refusals(&thread_report, *required, run.number == 0, progress)?;
+                        say_refusals(&thread_report, *required, !std::mem::replace(refusals_said, true), progress)?;
                         metadata.notes.extend(report.notes());
                         metadata.notes.extend(thread_report.notes());
                     }

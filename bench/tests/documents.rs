@@ -69,6 +69,7 @@ fn links_and_files_that_the_documents_name_exist() {
         "RECORDINGS.md",
         "DIAGNOSIS.md",
         "PLANTS.md",
+        "CLIENTS.md",
     ]
     .map(document);
     let guides = guides.iter().map(|text| ("docs", text.as_str()));

@@ -8,6 +8,7 @@
 //! | `cargo run --release -p benchmarks --bin serial_wire` | age of the newest report over a serial port, beside the bare port |
 //! | `cargo run --release -p benchmarks --bin can_wire` | age of the newest sample over CAN, beside the bare socket |
 //! | `cargo run --release -p benchmarks --bin coverage` | how often the identification's 95 % intervals hold the truth, over simulated campaigns |
+//! | `cargo run --release -p benchmarks --bin service` | lateness with ten live clients and three subscribers against none; the service's processor time; age of samples at a client |
 //! | `benchmarks/lateness.sh` | lateness of the loop's wake-ups against cyclictest, idle and under load |
 
 pub mod campaign;

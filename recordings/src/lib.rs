@@ -11,6 +11,7 @@ mod csv_reader;
 mod csv_writer;
 mod ending;
 mod error;
+pub mod live;
 mod mcap_reader;
 mod mcap_writer;
 mod part_file;

@@ -13,7 +13,9 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use iceoryx2::active_request::ActiveRequest;
+use iceoryx2::port::client::Client;
 use iceoryx2::port::listener::{Listener, ListenerWaitError};
+use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::server::Server;
 use iceoryx2::prelude::*;
 use iceoryx2::service::port_factory::{event, request_response};
@@ -356,40 +358,82 @@ fn answer(asked: &Asked, taken: Option<Result<Option<u64>, Refusal>>, switches: 
     let _ = asked.send_copy(Reply::new(taken, switches.confirmations.waiting(), &text()));
 }
 
+/// An open way to the run of one instance: nothing but the command itself is left to do. Belongs to the thread that opened it.
+#[derive(Debug)]
+pub struct CommandClient {
+    client: Client<Ipc, Message, (), Reply, ()>,
+    notifier: Notifier<Ipc>,
+    service: CommandService,
+    _wake: WakeService,
+    _node: Node<Ipc>,
+    instance: String,
+}
+
+impl CommandClient {
+    /// Opens the way.
+    ///
+    /// # Errors
+    /// No service of this name listens.
+    pub fn open(instance: &str) -> Result<Self, LinkError> {
+        let (node, command_name, wake_name) = node(instance)?;
+        let nobody = || LinkError::Nobody { instance: instance.to_owned() };
+        let command =
+            node.service_builder(&command_name).request_response::<Message, Reply>().open().map_err(|_| nobody())?;
+        let wake = node.service_builder(&wake_name).event().open().map_err(|_| nobody())?;
+        let client = command.client_builder().backpressure_strategy(BackpressureStrategy::DiscardData).create();
+        let client = client.map_err(|e| failed(instance, "create the command's client", &e))?;
+        let notifier = wake.notifier_builder().create();
+        let notifier = notifier.map_err(|e| failed(instance, "create the command's notifier", &e))?;
+        Ok(CommandClient {
+            client,
+            notifier,
+            service: command,
+            _wake: wake,
+            _node: node,
+            instance: instance.to_owned(),
+        })
+    }
+
+    /// Whether somebody listens at the other end.
+    pub fn is_heard(&self) -> bool {
+        self.service.dynamic_config().number_of_servers() > 0
+    }
+
+    /// Sends a command and waits for its answer, up to `patience`.
+    ///
+    /// # Errors
+    /// Nobody listens any more, or does not answer in time.
+    pub fn send(&self, command: RunCommand, patience: Duration) -> Result<Answer, LinkError> {
+        let instance = &self.instance;
+        let pending = self.client.send_copy(command.into()).map_err(|e| failed(instance, "send the command", &e))?;
+        if pending.number_of_server_connections() == 0 {
+            return Err(LinkError::Nobody { instance: instance.clone() });
+        }
+        // A server that is not woken looks by itself, a little later.
+        let _ = self.notifier.notify();
+        let begun = Instant::now();
+        loop {
+            let reply = pending.receive().map_err(|e| failed(instance, "take the answer", &e))?;
+            if let Some(reply) = reply {
+                let other = || failed(instance, "use the answer", &"it is of another version");
+                return reply.payload().answer().ok_or_else(other);
+            }
+            let waited = begun.elapsed();
+            if waited >= patience {
+                let what = format!("the answer of instance {instance:?}");
+                return Err(LinkError::Timeout { what, waited_s: waited.as_secs_f64() });
+            }
+            std::thread::sleep(LOOK);
+        }
+    }
+}
+
 /// Sends a command to the run of `instance` and waits for its answer, up to `patience`.
 ///
 /// # Errors
 /// No service of this name listens, or it does not answer in time.
 pub fn send_command(instance: &str, command: RunCommand, patience: Duration) -> Result<Answer, LinkError> {
-    let (node, command_name, wake_name) = node(instance)?;
-    let nobody = || LinkError::Nobody { instance: instance.to_owned() };
-    let service =
-        node.service_builder(&command_name).request_response::<Message, Reply>().open().map_err(|_| nobody())?;
-    let wake = node.service_builder(&wake_name).event().open().map_err(|_| nobody())?;
-    let client = service.client_builder().backpressure_strategy(BackpressureStrategy::DiscardData).create();
-    let client = client.map_err(|e| failed(instance, "create the command's client", &e))?;
-    let notifier = wake.notifier_builder().create();
-    let notifier = notifier.map_err(|e| failed(instance, "create the command's notifier", &e))?;
-    let pending = client.send_copy(command.into()).map_err(|e| failed(instance, "send the command", &e))?;
-    if pending.number_of_server_connections() == 0 {
-        return Err(nobody());
-    }
-    // A server that is not woken looks by itself, a little later.
-    let _ = notifier.notify();
-    let begun = Instant::now();
-    loop {
-        let reply = pending.receive().map_err(|e| failed(instance, "take the answer", &e))?;
-        if let Some(reply) = reply {
-            let other = || failed(instance, "use the answer", &"it is of another version");
-            return reply.payload().answer().ok_or_else(other);
-        }
-        let waited = begun.elapsed();
-        if waited >= patience {
-            let what = format!("the answer of instance {instance:?}");
-            return Err(LinkError::Timeout { what, waited_s: waited.as_secs_f64() });
-        }
-        std::thread::sleep(LOOK);
-    }
+    CommandClient::open(instance)?.send(command, patience)
 }
 
 #[cfg(test)]

@@ -15,6 +15,7 @@
 //! | [`loss`] | gap detection by the samples' numbers, without any transport |
 //! | [`system`] | priority, memory and time of the operating system |
 //! | [`command_channel`] | stop, emergency stop and confirmations from another process |
+//! | [`service_channel`] | the same to the service that starts runs |
 //! | [`confirmation`] | what people are asked for, and how their word reaches the loop |
 //! | [`announce`] | what a run is, told before its first sample |
 //! | [`relay`] | samples that were carried here from another machine |
@@ -38,6 +39,7 @@ pub mod relay;
 pub mod replay;
 mod rhythm;
 mod sender;
+pub mod service_channel;
 pub mod statistics;
 pub mod subscribe;
 pub mod supervisor;
@@ -46,7 +48,7 @@ pub mod traits;
 pub mod types;
 
 pub use clock::{Clock, Lockstep, RealTime, Wake};
-pub use command_channel::{Answer, CommandServer, RunCommand, send_command};
+pub use command_channel::{Answer, CommandClient, CommandServer, RunCommand, send_command};
 pub use confirmation::{Amount, Confirmation, ConfirmationSlot, Refusal, Waiting};
 pub use cycle::{LoopError, OpenLoop, Run, Stages, run};
 pub use fault::{Fault, FaultKind};
@@ -56,6 +58,7 @@ pub use loss::{LossCertificate, LossTracker, OutOfOrder};
 pub use overrun::OverrunPolicy;
 pub use publish::{Handover, Pace, Publication, Publish, Settled};
 pub use relay::Relay;
+pub use service_channel::{ServiceAnswer, ServiceCommand, ServiceServer, ServiceState, send_service_command};
 pub use statistics::{Ended, RunReport, Statistics};
 pub use subscribe::{Delivery, SampleSubscriber};
 pub use supervisor::{Breach, Channel, Limits, LimitsError, Supervisor, Trip};

@@ -6,6 +6,7 @@
 //! | `rec-bench/<instance>/progress` | publish-subscribe | how far each lossless logger is |
 //! | `rec-bench/<instance>/wake` | event | there are new samples |
 //! | `rec-bench/<instance>/command`, `.../command-wake` | request-response, event | commands to the run: [`crate::command_channel`] |
+//! | `rec-bench/<instance>/service`, `.../service-wake` | request-response, event | commands to the service: [`crate::service_channel`] |
 //!
 //! Whoever comes first creates a service and fixes its sizes.
 
@@ -71,6 +72,12 @@ pub enum LinkError {
         "instance {instance:?}: no running service of this name listens; check the name, `bench run --instance NAME` sets it"
     )]
     Nobody {
+        /// Name of the instance.
+        instance: String,
+    },
+    /// No service that starts runs serves this instance.
+    #[error("instance {instance:?}: no service answers; start one with `bench serve --control`, or check --instance")]
+    NoService {
         /// Name of the instance.
         instance: String,
     },

@@ -17,18 +17,23 @@ pub enum Delivery {
     Lossless,
     /// It takes what it gets; the loop never waits for it. For monitors.
     BestEffort,
+    /// The same, and nobody wakes it: it looks when it wants to, at least every few seconds. The cheapest for both ends.
+    Polled,
 }
 
 /// Samples that one call of [`SampleSubscriber::drain`] takes at most; after each such call a lossless subscriber
 /// reports its progress.
 pub const DRAIN_MAX: usize = 1024;
 
+/// The transport takes a wait of no length, which a socket's timeout of less than a microsecond is too, for one without end.
+const SHORTEST_WAIT: Duration = Duration::from_millis(1);
+
 /// A subscription to the samples of an instance. Its ports belong to the thread that opened it.
 #[derive(Debug)]
 pub struct SampleSubscriber {
     // Dropped first: who no longer reports is no longer waited for.
     progress: Option<Publisher<Ipc, Progress, ()>>,
-    wake: Listener<Ipc>,
+    wake: Option<Listener<Ipc>>,
     samples: Subscriber<Ipc, Sample, ()>,
     link: Link,
     tracker: LossTracker,
@@ -41,11 +46,16 @@ impl SampleSubscriber {
         let link = Link::open(instance)?;
         let samples = link.sample.subscriber_builder().buffer_size(BUFFER_SAMPLES).create();
         let samples = samples.map_err(|e| link.failed("create the sample subscriber", e.to_string()))?;
-        let wake = link.wake.listener_builder().create();
-        let wake = wake.map_err(|e| link.failed("create the listener", e.to_string()))?;
+        let wake = match delivery {
+            Delivery::Polled => None,
+            Delivery::Lossless | Delivery::BestEffort => {
+                let port = link.wake.listener_builder().create();
+                Some(port.map_err(|e| link.failed("create the listener", e.to_string()))?)
+            }
+        };
         // Created last: by this port the publication knows the logger, whose buffer must exist by then.
         let progress = match delivery {
-            Delivery::BestEffort => None,
+            Delivery::BestEffort | Delivery::Polled => None,
             Delivery::Lossless => {
                 let port = link.progress.publisher_builder().create();
                 Some(port.map_err(|e| link.failed("create the progress publisher", e.to_string()))?)
@@ -77,14 +87,19 @@ impl SampleSubscriber {
         Ok(count)
     }
 
-    /// Like [`drain`](Self::drain), but waits up to `timeout` when nothing is there.
+    /// Like [`drain`](Self::drain), but waits up to `timeout`, a millisecond at least, when nothing is there; one that is not woken waits
+    /// that long.
     pub fn receive(&mut self, timeout: Duration, into: &mut Vec<Sample>) -> Result<usize, LinkError> {
         let count = self.drain(into)?;
         if count > 0 {
             return Ok(count);
         }
+        let Some(wake) = &self.wake else {
+            std::thread::sleep(timeout);
+            return self.drain(into);
+        };
         // Wake-ups are sent after their samples: one that comes between the look above and this wait ends it.
-        match self.wake.timed_wait(|_| {}, timeout) {
+        match wake.timed_wait(|_| {}, timeout.max(SHORTEST_WAIT)) {
             // A signal that interrupts the wait only makes it shorter.
             Ok(_) | Err(ListenerWaitError::InterruptSignal) => {}
             Err(e) => return Err(self.link.broken("waiting for samples", e.to_string())),

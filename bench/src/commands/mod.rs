@@ -12,6 +12,7 @@ mod diagnose_plant;
 mod doctor;
 mod emulate;
 mod export;
+mod foxglove;
 pub mod help;
 mod identify;
 mod import;
@@ -21,13 +22,16 @@ mod link;
 pub mod list;
 mod ls;
 mod man;
+mod monitor;
 mod profile;
 mod record;
 mod recover;
 mod replay;
 pub mod results;
 mod results_json;
-mod run;
+pub(crate) mod run;
+mod serve;
+mod service;
 mod simulate;
 mod stop;
 mod time;
@@ -63,6 +67,14 @@ commands! {
         "bench profile show square_h" => "the text of one, to start an own one from",
         "bench profile check my.toml --rig my_rig.toml" => "steps, times, predicted peaks against the limits; nothing moves",
         "bench profile schema" => "for an editor that completes and checks profiles";
+    Serve(serve) in Run:
+        "bench serve" => "the service on the emulated rig, to be looked at in a browser",
+        "bench serve my_rig.toml --control" => "on your own rig, and it takes orders from who has its token";
+    Service(service) in Run:
+        "bench service state" => "what the service does, its queue",
+        "bench service arm" => "lets the queue run for ten minutes",
+        "bench service queue square_h" => "puts a profile into the queue",
+        "bench service emergency-stop" => "trips the run that goes on";
     Stop(stop) in Run:
         "bench stop" => "an orderly end of the run of another terminal",
         "bench stop --emergency" => "trips the supervisor";
@@ -70,6 +82,11 @@ commands! {
         "bench confirm --show" => "what the run waits for",
         "bench confirm" => "it is done",
         "bench confirm --volume-ml 1.25" => "it is done, and the measuring cylinder reads this";
+    Monitor(monitor) in Watch:
+        "bench monitor" => "the run of another process in this terminal",
+        "bench monitor --control" => "with keys that stop it";
+    Foxglove(foxglove) in Watch:
+        "bench foxglove" => "for Foxglove, Lichtblick and PlotJuggler on this machine";
     Record(record) in Watch:
         "bench record --out a.mcap" => "the next run of this machine, by a process of its own",
         "bench record --out a.mcap --runs 0 --instance rig2" => "every run of the instance rig2 until Ctrl-C";

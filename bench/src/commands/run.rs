@@ -15,6 +15,8 @@ use crate::setup::Knowledge;
 use crate::timing::Timing;
 use profiles::{BUILTIN, Context, EXAMPLES, Script};
 use rt_core::{CommandServer, Ended, Switches};
+use rustix::process::{Signal, getppid, set_parent_process_death_signal};
+use rustix::thread::set_name;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -22,6 +24,9 @@ use std::time::Duration;
 
 /// Instance on which a run is published unless another is named.
 pub const INSTANCE: &str = "bench";
+
+/// Where recordings go unless another place is named.
+pub const RECORDINGS: &str = "recordings/data";
 
 /// Run one profile and record it
 #[derive(Debug, clap::Args)]
@@ -54,14 +59,23 @@ pub struct Args {
     /// Print how the run ended as one JSON object
     #[arg(long)]
     json: bool,
+    /// Number that the samples carry
+    #[arg(long, default_value_t = 0, hide = true)]
+    run_number: u32,
+    /// Process that started this one: when it ends, for whatever reason, the run is stopped as by SIGTERM
+    #[arg(long, hide = true)]
+    with_parent: Option<i32>,
 }
 
 pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
+    if let Some(parent) = args.with_parent {
+        end_with(parent)?;
+    }
     let stdout = progress;
     let progress = &progress.beside(args.json);
     let rig = Rig::read(args.rig.as_deref())?;
     let script = profile(&args.profile)?;
-    let path = args.out.clone().unwrap_or_else(|| free_file(&script.name));
+    let path = args.out.clone().unwrap_or_else(|| free_file(Path::new(RECORDINGS), &script.name));
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder).map_err(|error| {
             Failure::new(
@@ -81,6 +95,7 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     let (switches, _driving) = interrupt::driving()?;
     let mut runner = Runner::open(&args.instance, rig.limits, mode.clone(), args.on_full, progress)?;
     runner.describe(rig.record()?);
+    runner.number_from(args.run_number);
     let mut devices = Devices::open(&rig.device, rig.limits.safe_state, &mode, runner.journals())?;
     let context = Context { u_max_v: rig.facts.u_max_v, seed: args.seed, hands: devices.hands() };
     operator::require(&script, &context, args.no_operator, !args.time.realtime)?;
@@ -223,7 +238,7 @@ pub(super) fn listening<T>(
 }
 
 /// A profile by its file, or by the name of a built-in one or of an example. A file that is there comes first.
-pub(super) fn profile(name: &str) -> Result<Script, Failure> {
+pub(crate) fn profile(name: &str) -> Result<Script, Failure> {
     if Path::new(name).is_file() {
         return Script::read(Path::new(name)).map_err(|e| Failure::of(Kind::Input, &e));
     }
@@ -242,12 +257,27 @@ pub(super) fn profile(name: &str) -> Result<Script, Failure> {
     })
 }
 
-/// A file that is not there yet: a measurement is never overwritten.
-fn free_file(name: &str) -> PathBuf {
+/// A file of this folder that is not there yet: a measurement is never overwritten.
+pub(crate) fn free_file(folder: &Path, name: &str) -> PathBuf {
     let now = jiff::Timestamp::now().strftime("%Y-%m-%dT%H%M%SZ").to_string();
     let file = |n: u32| {
         let again = if n > 1 { format!("-{n}") } else { String::new() };
-        Path::new("recordings/data").join(format!("{now}_{name}{again}.mcap"))
+        folder.join(format!("{now}_{name}{again}.mcap"))
     };
     (1..).map(file).find(|path| !path.exists()).expect("there are more names than files")
+}
+
+/// From here on the end of the parent's thread that started this process stops the run.
+fn end_with(parent: i32) -> Result<(), Failure> {
+    let failed = |what: String| Failure::new(Kind::Internal, format!("--with-parent {parent}: {what}"));
+    // Begun through a link of the system, it would bear the link's name. A name is no reason to fail.
+    let _ = set_name(c"bench");
+    // Asked for by this process itself: what a parent asks for is forgotten when a program with capabilities is begun.
+    set_parent_process_death_signal(Some(Signal::TERM))
+        .map_err(|error| failed(format!("expected a signal at its end, got \"{error}\"")))?;
+    // A parent that ended before that sends none.
+    if getppid().map(|pid| pid.as_raw_nonzero().get()) != Some(parent) {
+        return Err(failed("expected this to be the parent, and it is gone; nothing was begun".to_owned()));
+    }
+    Ok(())
 }

@@ -5,3 +5,4 @@ pub mod listing;
 pub mod page;
 pub mod plot;
 pub mod summary;
+pub mod words;

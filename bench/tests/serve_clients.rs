@@ -1,0 +1,127 @@
+//! Clients of `bench serve` that behave badly, runs of other processes, and gaps that must show.
+
+mod serve_client;
+
+use serve_client::{Live, PATIENCE, Service, bench, samples, wait_for};
+use std::os::fd::AsRawFd;
+use std::process::Stdio;
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// Times of the buckets, without those that only say that nothing is there.
+fn times(live: &Live) -> Vec<f64> {
+    live.buckets.iter().map(|bucket| bucket.t_s).collect()
+}
+
+/// Longest distance between two buckets, s.
+fn longest_gap_s(live: &Live) -> f64 {
+    times(live).windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max)
+}
+
+#[test]
+fn a_client_that_takes_nothing_holds_nobody_up_and_goes_on_with_the_newest() {
+    let service = Service::start(&["--control"]);
+    let mut slow = service.live();
+    let small: libc::c_int = 4096;
+    // SAFETY: the socket is open, and the option is an int of this size.
+    let set = unsafe {
+        libc::setsockopt(
+            slow.stream().as_raw_fd(),
+            libc::SOL_SOCKET,
+            libc::SO_RCVBUF,
+            (&raw const small).cast(),
+            size_of::<libc::c_int>() as libc::socklen_t,
+        )
+    };
+    assert_eq!(set, 0);
+    let mut quick = service.live();
+    quick.send("{\"type\": \"emergency-stop\"}");
+    service.run("long");
+    slow.until("its first buckets", |slow| !slow.buckets.is_empty());
+    let stopped_at_s = slow.buckets.last().expect("some").t_s;
+    // What fits into the buffers of both ends is some 10 s of data.
+    quick.until("25 s more of the run", |quick| {
+        quick.buckets.last().is_some_and(|bucket| bucket.t_s > stopped_at_s + 25.0)
+    });
+    assert!(longest_gap_s(&quick) < 0.011, "who takes what comes misses nothing: {}", longest_gap_s(&quick));
+    assert_eq!(service.state()["service"]["state"], "running", "what a client says has no effect");
+    let newest_s = quick.buckets.last().expect("some").t_s;
+    slow.until("the newest", |slow| slow.buckets.last().is_some_and(|bucket| bucket.t_s >= newest_s));
+    assert!(longest_gap_s(&slow) > 2.0, "it was passed over, and sees it: {}", longest_gap_s(&slow));
+    assert!(slow.buckets.windows(2).all(|pair| pair[0].t_s < pair[1].t_s));
+    service.done("/stop", "{}");
+    service.wait_state("idle");
+}
+
+#[test]
+fn what_the_service_misses_shows_while_the_recording_is_whole() {
+    let service = Service::start(&["--control"]);
+    let mut live = service.live();
+    service.run("long");
+    service.wait_time(0.5);
+    service.signal(libc::SIGSTOP);
+    // Its buffer holds 8 s.
+    thread::sleep(Duration::from_secs(11));
+    service.signal(libc::SIGCONT);
+    let state = wait_for("the missed samples", || {
+        let state = service.state();
+        (state["run"]["missed"].as_u64() > Some(0)).then_some(state)
+    });
+    let after_s = state["run"]["time_s"].as_f64().expect("a number");
+    live.until("what came after", |live| live.buckets.last().is_some_and(|bucket| bucket.t_s > after_s));
+    let nothing =
+        |bucket: &&serve_client::Bucket| bucket.spans.iter().all(|span| span.iter().all(|value| value.is_nan()));
+    assert_eq!(live.buckets.iter().filter(nothing).count(), 1, "one bucket says that nothing is there");
+    assert!(longest_gap_s(&live) > 1.0, "and time jumps: {}", longest_gap_s(&live));
+    live.until("a word of it", |live| {
+        live.of_type("event").any(|event| event["text"].as_str().is_some_and(|text| text.contains("did not reach")))
+    });
+    service.done("/stop", "{}");
+    service.wait_state("idle");
+    let recorded = samples(&service.recording());
+    assert!(recorded.windows(2).all(|pair| pair[1].sequence() == pair[0].sequence() + 1), "its own logger missed none");
+}
+
+#[test]
+fn a_run_of_another_process_is_shown_and_can_be_stopped() {
+    let service = Service::start(&["--control"]);
+    let mut live = service.live();
+    let file = |name: &str| service.dir.path().join(name).display().to_string();
+    let (profile, out) = (file("profiles/long.toml"), file("elsewhere.mcap"));
+    let run = |out: &str| {
+        bench(&["run", &profile, "--realtime", "--instance", &service.instance, "--out", out])
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("the program starts")
+    };
+    let mut other = run(&out);
+    let state = service.wait_time(0.6);
+    assert_eq!((&state["service"]["state"], &state["run"]["own"]), (&"idle".into(), &false.into()), "{state}");
+    assert_eq!(state["run"]["name"], "long", "as it announced");
+    let duration_s = state["run"]["duration_s"].as_f64().expect("as it announced");
+    assert!((duration_s - 60.5).abs() < 1e-6, "{duration_s}");
+    service.run("short");
+    thread::sleep(Duration::from_millis(500));
+    assert_eq!(service.state()["service"]["state"], "armed", "nothing is started while somebody else drives the rig");
+    service.done("/stop", "{}");
+    assert_eq!(other.wait().expect("it is our child").code(), Some(130));
+    assert_eq!(service.wait_state("idle")["queue"][0]["profile"], "short", "people stopped it for a reason");
+    live.until("its end", |live| live.of_type("state").any(|state| state["run"]["ended"] == true));
+    assert!(!live.buckets.is_empty());
+
+    // One that is killed has no last sample.
+    let mut other = run(&file("killed.mcap"));
+    wait_for("the second run", || {
+        let state = service.state();
+        (state["run"]["ended"] == false && state["run"]["time_s"].as_f64() > Some(0.3)).then_some(())
+    });
+    other.kill().expect("it is our child");
+    other.wait().expect("it is our child");
+    let begin = Instant::now();
+    wait_for("its end to be noticed", || (service.state()["run"]["ended"] == true).then_some(()));
+    assert!(begin.elapsed() < PATIENCE);
+    assert_eq!(service.state()["run"]["number"], 2, "every run has its number");
+    service.done("/arm", "{}");
+    wait_for("a run after it", || (service.state()["last"]["outcome"] == "completed").then_some(()));
+}
