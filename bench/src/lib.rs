@@ -17,6 +17,7 @@ pub mod incident;
 pub mod interrupt;
 pub mod keyboard;
 pub mod latency;
+pub mod link;
 pub mod logger;
 pub mod look;
 pub mod machine;
