@@ -81,10 +81,14 @@ fn listen(stream: impl Read + Send + 'static, sender: Sender<String>) {
     });
 }
 
+fn instance(name: &str) -> String {
+    format!("test-web-{name}-{}", std::process::id())
+}
+
 /// A service of this test alone, with the address that it prints. Its profiles are written already.
 fn serve(dir: &Path, name: &str, more: &[&str]) -> (Running, String) {
     let path = |name: &str| dir.join(name).display().to_string();
-    let instance = format!("test-web-{name}-{}", std::process::id());
+    let instance = instance(name);
     fs::create_dir_all(dir.join("data")).unwrap();
     let (profiles, data) = (path("profiles"), path("data"));
     let usual = ["--listen", "127.0.0.1:0", "--profiles", &profiles, "--data", &data, "--instance", &instance];
@@ -201,11 +205,14 @@ fn without_fixture(file: &Path) {
 }
 
 #[test]
-fn a_read_only_service_offers_no_controls_and_says_how_to_have_them() {
+fn a_read_only_service_follows_a_run_of_another_process_and_offers_no_controls() {
     let Some(peers) = peers() else { return };
     let dir = tempfile::tempdir().unwrap();
     moving_profile(dir.path());
     let (_service, address) = serve(dir.path(), "read-only", &[]);
+    let profile = dir.path().join("profiles/to_be_watched.toml").display().to_string();
+    let out = dir.path().join("data/a.mcap").display().to_string();
+    let _run = Running::start(&["run", &profile, "--realtime", "--instance", &instance("read-only"), "--out", &out]);
     script("read_only.js", &peers, &[("MONITOR_ADDRESS", &address)]);
 }
 

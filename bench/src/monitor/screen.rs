@@ -4,8 +4,8 @@ use super::listener::Listener;
 use super::state::State;
 use super::view::{Look, draw};
 use crate::failure::{Failure, Kind};
+use crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use ratatui::DefaultTerminal;
-use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use recordings::Severity;
 use rt_core::{RunCommand, send_command};
 use std::io;
@@ -16,6 +16,8 @@ use std::time::{Duration, Instant};
 
 /// Between two pictures.
 const FRAME: Duration = Duration::from_millis(50);
+/// Shortest wait for a key; with none at all nobody would look for one.
+const KEY_WAIT: Duration = Duration::from_millis(1);
 /// The loop hears a command within a tick; this long its answer may take.
 const PATIENCE: Duration = Duration::from_secs(3);
 
@@ -37,8 +39,9 @@ pub fn show(instance: &str, look: Look, end: &AtomicBool) -> Result<(), Failure>
         drawn.map_err(|e| failed("draw", &e))?;
         due = (due + FRAME).max(Instant::now());
         loop {
+            // Where the machine is so slow that the next picture is due already, a key is still heard.
             let left = due.saturating_duration_since(Instant::now());
-            if !event::poll(left).map_err(|e| failed("wait for a key", &e))? {
+            if !event::poll(left.max(KEY_WAIT)).map_err(|e| failed("wait for a key", &e))? {
                 break;
             }
             match event::read().map_err(|e| failed("read a key", &e))? {

@@ -111,7 +111,7 @@ fn age(age_ns: u32) -> String {
     match age_ns {
         0 => String::new(),
         u32::MAX => "> 4 s old".to_owned(),
-        0..100_000_000 => format!("{:.1} ms old", f64::from(age_ns) * 1e-6),
+        1..100_000_000 => format!("{:.1} ms old", f64::from(age_ns) * 1e-6),
         _ => format!("{:.1} s old", f64::from(age_ns) * 1e-9),
     }
 }
