@@ -20,7 +20,8 @@ fn findings(file: &Path) -> Value {
 fn an_open_verdict_is_settled_by_the_run_that_was_designed_for_it() {
     let dir = tempfile::tempdir().unwrap();
     fs::write(dir.path().join("plant.toml"), include_str!("data/weak_inertance.toml")).unwrap();
-    fs::write(dir.path().join("rig.toml"), "name = \"r\"\n[device]\nkind = \"emulated\"\nmodel = \"plant.toml\"\n").unwrap();
+    fs::write(dir.path().join("rig.toml"), "name = \"r\"\n[device]\nkind = \"emulated\"\nmodel = \"plant.toml\"\n")
+        .unwrap();
     let profiles = ["torque_map", "volume_map", "pump_map", "clamp_steps", "square_a", "square_h"];
     let recorded = bench(dir.path(), &[&["campaign", "--rig", "rig.toml", "--out", "c"], &profiles[..]].concat());
     assert!(recorded.status.success(), "{}", String::from_utf8_lossy(&recorded.stderr));
@@ -38,11 +39,19 @@ fn an_open_verdict_is_settled_by_the_run_that_was_designed_for_it() {
     assert!(said.contains("next_1.mcap"), "{said}");
     let last = (1..9).map(|n| out.join(format!("auto/round-{n}/findings.json"))).take_while(|f| f.is_file()).last();
     let last = findings(&last.unwrap());
-    assert_eq!((&last["verdict"], &last["effects"][0]["id"]), (&"attributed".into(), &"line_inertance".into()), "{said}");
+    assert_eq!(
+        (&last["verdict"], &last["effects"][0]["id"]),
+        (&"attributed".into(), &"line_inertance".into()),
+        "{said}"
+    );
     let inertance = last["effects"][0]["parameters"]["I"].as_f64().unwrap();
     assert!((inertance / 0.006 - 1.0).abs() < 0.2, "{inertance}");
 
     let extended = fs::read_to_string(out.join("auto/campaign/campaign.toml")).unwrap();
     assert!(extended.contains("next_1.mcap"), "{extended}");
-    assert_eq!(fs::read_to_string(dir.path().join("c/campaign.toml")).unwrap(), began, "the campaign itself is not touched");
+    assert_eq!(
+        fs::read_to_string(dir.path().join("c/campaign.toml")).unwrap(),
+        began,
+        "the campaign itself is not touched"
+    );
 }
