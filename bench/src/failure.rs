@@ -22,6 +22,18 @@ pub enum Kind {
     Interrupted = 130,
 }
 
+/// What the process's exit codes mean: help, manual pages and README.md say it in these words.
+pub const EXIT_CODES: &[(u8, &str)] = &[
+    (0, "done"),
+    (Kind::Internal as u8, "internal error"),
+    (Kind::Input as u8, "usage, configuration or bad input; the message names file, line and column"),
+    (Kind::Acceptance as u8, "the run took place, its result was not accepted"),
+    (Kind::Device as u8, "a device or a link failed"),
+    (Kind::Safety as u8, "the supervisor tripped: the rig is in its safe state"),
+    (Kind::Loss as u8, "a deadline was missed or samples were lost"),
+    (Kind::Interrupted as u8, "interrupted, after the outputs were zeroed"),
+];
+
 /// A failure of a command.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Failure {
@@ -93,11 +105,13 @@ mod tests {
     #[test]
     fn exit_codes_are_those_of_the_readme() {
         let readme = include_str!("../../README.md");
-        for kind in
-            [Kind::Internal, Kind::Input, Kind::Acceptance, Kind::Device, Kind::Safety, Kind::Loss, Kind::Interrupted]
-        {
+        for (code, meaning) in EXIT_CODES {
+            assert!(readme.contains(&format!("| {code} | {meaning} |")), "{code}, {meaning}, is not in README.md");
+        }
+        let all = [Kind::Internal, Kind::Input, Kind::Acceptance, Kind::Device, Kind::Safety, Kind::Loss];
+        for kind in all.into_iter().chain([Kind::Interrupted]) {
             let code = Failure::new(kind, "").exit_code();
-            assert!(readme.contains(&format!("| {code} |")), "exit code {code} of {kind:?} is not in README.md");
+            assert!(EXIT_CODES.iter().any(|(listed, _)| *listed == code), "{kind:?} has no meaning");
         }
     }
 }

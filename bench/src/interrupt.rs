@@ -31,7 +31,12 @@ pub fn driving() -> Result<(&'static Switches, Driving), Failure> {
                 std::process::exit(Kind::Interrupted as i32);
             }
         })
-        .map_err(|error| Failure::new(Kind::Internal, format!("Ctrl-C could not be caught: {error}")))?;
+        .map_err(|error| {
+            Failure::new(
+                Kind::Internal,
+                format!("expected to catch Ctrl-C, so that the outputs are zeroed, got \"{error}\"; nothing was moved"),
+            )
+        })?;
     }
     // SAFETY: ignoring a signal installs no handler and touches no memory of ours. A write beyond a file-size limit then is an
     // error that the logger tells, instead of the end of a process whose outputs are not zeroed.

@@ -1,19 +1,19 @@
 //! The command line.
 
-use bench::commands::{Cli, run};
+use bench::commands::{help, run};
 use bench::failure::{Failure, Kind};
 use bench::progress::Progress;
-use clap::Parser;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;
 use tracing_subscriber::EnvFilter;
 
 fn main() -> ExitCode {
-    let cli = Cli::parse(); // ends with 2 on bad usage, with 0 on --help and --version
+    let cli = help::parse(); // ends with 2 on bad usage, with 0 on --help and --version
     let progress = Progress::for_stderr();
     let writer = progress.clone();
     tracing_subscriber::fmt()
-        .with_env_filter(EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("warn")))
+        // A link says itself what it meets.
+        .with_env_filter(EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("warn,zenoh=error")))
         .with_writer(move || writer.clone())
         .init();
 

@@ -1,5 +1,6 @@
 //! Progress on stderr: bars on a terminal, one plain line a finished step elsewhere.
 
+use crate::failure::{Failure, Kind};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{self, IsTerminal, Write};
 use std::time::Duration;
@@ -9,6 +10,8 @@ use std::time::Duration;
 pub struct Progress {
     bars: MultiProgress,
     terminal: bool,
+    /// Results go to stderr too: stdout holds something else.
+    aside: bool,
 }
 
 /// A line at the bottom, for what is being typed; nothing where stderr is no terminal.
@@ -29,7 +32,25 @@ impl Progress {
 
     fn new(terminal: bool) -> Self {
         let target = if terminal { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
-        Progress { bars: MultiProgress::with_draw_target(target), terminal }
+        Progress { bars: MultiProgress::with_draw_target(target), terminal, aside: false }
+    }
+
+    /// The same where `json` takes stdout: what is meant for people goes to stderr then, results included.
+    pub fn beside(&self, json: bool) -> Self {
+        Progress { aside: self.aside || json, ..self.clone() }
+    }
+
+    /// A result for scripts, as indented JSON on stdout.
+    ///
+    /// # Errors
+    /// It can't be written as JSON, which is a defect (1).
+    pub fn json(&self, value: &impl serde::Serialize) -> Result<(), Failure> {
+        let text = serde_json::to_string_pretty(value).map_err(|e| Failure::of(Kind::Internal, &e))?;
+        self.bars.suspend(|| {
+            // As in `result`.
+            let _ = writeln!(io::stdout(), "{text}");
+        });
+        Ok(())
     }
 
     /// Begins a step of `total` units (0 = unknown).
@@ -68,6 +89,9 @@ impl Progress {
 
     /// A line on stdout, where the results go, without tearing the bars.
     pub fn result(&self, line: &str) {
+        if self.aside {
+            return self.say(line);
+        }
         self.bars.suspend(|| {
             // A closed pipe must not panic; the files hold the results too.
             let _ = writeln!(io::stdout(), "{line}");

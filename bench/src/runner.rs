@@ -295,7 +295,14 @@ impl Runner {
                         start.recv().ok().map(|()| drive(&mut RealTime::default(), publication))
                     };
                     let handle = thread::Builder::new().name("loop".to_owned()).spawn_scoped(scope, body);
-                    let handle = handle.map_err(|e| Failure::new(Kind::Internal, format!("the loop's thread: {e}")))?;
+                    let handle = handle.map_err(|e| {
+                        Failure::new(
+                            Kind::Internal,
+                            format!(
+                                "expected a thread for the loop, got \"{e}\"; free memory or threads (`ulimit -a`)"
+                            ),
+                        )
+                    })?;
                     let granted = from_loop.recv().unwrap_or_default();
                     if let Some((_, report)) = system {
                         let thread_report = Report::new(granted);
@@ -361,7 +368,10 @@ fn say_refusals(report: &Report, required: bool, say: bool, progress: &Progress)
     if required {
         return Err(Failure::new(
             Kind::Input,
-            format!("real time is required, and the system refuses: {}", lines.join("; ")),
+            format!(
+                "expected all that real time needs, as --require-rt says, and the system refuses: {}; `bench doctor` says what to change",
+                lines.join("; ")
+            ),
         ));
     }
     if say {
@@ -377,8 +387,14 @@ fn say_refusals(report: &Report, required: bool, say: bool, progress: &Progress)
 pub fn judge(name: &str, report: &RunReport) -> Result<(), Failure> {
     match report.ended {
         Ended::Completed => Ok(()),
-        Ended::Tripped => Err(Failure::new(Kind::Safety, format!("{name}: {report}"))),
-        Ended::Aborted => Err(Failure::new(Kind::Loss, format!("{name}: {report}"))),
+        Ended::Tripped => {
+            let remedy = "the rig is in its safe state; remove the cause before the next run";
+            Err(Failure::new(Kind::Safety, format!("{name}: {report}; {remedy}")))
+        }
+        Ended::Aborted => {
+            let remedy = "`bench doctor` says what delays this machine, and `overrun = \"skip\"` in the profile lets a run go on";
+            Err(Failure::new(Kind::Loss, format!("{name}: {report}; {remedy}")))
+        }
         Ended::Stopped => Err(Failure::new(Kind::Interrupted, format!("{name}: stopped; the outputs are zeroed"))),
     }
 }

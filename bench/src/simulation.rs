@@ -27,12 +27,14 @@ pub enum FreeRunError {
         known: String,
     },
     /// A parameter of an effect is missing.
-    #[error("effect {id:?}: expected its parameter {parameter:?}, got none")]
+    #[error("effect {id:?}: expected its parameter {parameter:?}, got none; its parameters are {all}")]
     MissingParameter {
         /// The effect.
         id: String,
         /// The parameter.
         parameter: &'static str,
+        /// All of the effect's, with their units.
+        all: String,
     },
     /// The model left the range in which it holds.
     #[error(transparent)]
@@ -48,11 +50,17 @@ pub fn added_effects(model: &ModelFile) -> Result<EffectSet<f64>, FreeRunError> 
             known: effects::LIBRARY.iter().map(|e| e.header().id).collect::<Vec<_>>().join(", "),
         })?;
         let values = effect.header().parameters.iter().map(|p| {
-            added
-                .parameters
-                .get(p.name)
-                .copied()
-                .ok_or_else(|| FreeRunError::MissingParameter { id: added.id.clone(), parameter: p.name })
+            added.parameters.get(p.name).copied().ok_or_else(|| FreeRunError::MissingParameter {
+                id: added.id.clone(),
+                parameter: p.name,
+                all: effect
+                    .header()
+                    .parameters
+                    .iter()
+                    .map(|p| format!("{} ({})", p.name, p.unit))
+                    .collect::<Vec<_>>()
+                    .join(", "),
+            })
         });
         set.push((effect, values.collect::<Result<_, _>>()?));
     }

@@ -58,7 +58,20 @@ fn the_campaign_in_the_document_is_one_that_is_read() {
 #[test]
 fn links_and_files_that_the_documents_name_exist() {
     let document = |name: &str| std::fs::read_to_string(root().join("docs").join(name)).expect("a document");
-    let guides = ["WIRES.md", "PROFILES.md", "RUNNING.md", "RECORDINGS.md", "DIAGNOSIS.md", "PLANTS.md"].map(document);
+    let guides = [
+        "TUTORIAL.md",
+        "OWN_RIG.md",
+        "SCRIPTS.md",
+        "NETWORK.md",
+        "WIRES.md",
+        "PROFILES.md",
+        "RUNNING.md",
+        "RECORDINGS.md",
+        "DIAGNOSIS.md",
+        "PLANTS.md",
+        "CLIENTS.md",
+    ]
+    .map(document);
     let guides = guides.iter().map(|text| ("docs", text.as_str()));
     for (folder, text) in [("", README), ("docs", CAMPAIGN)].into_iter().chain(guides) {
         let links = text.split("](").skip(1).filter_map(|rest| rest.split(')').next());

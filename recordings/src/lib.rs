@@ -5,11 +5,13 @@
 mod alignment;
 mod campaign;
 mod campaign_toml;
+mod carried;
 mod chunk;
 mod csv_reader;
 mod csv_writer;
 mod ending;
 mod error;
+pub mod live;
 mod mcap_reader;
 mod mcap_writer;
 mod part_file;
@@ -25,6 +27,7 @@ mod vocabulary;
 mod wire;
 
 pub use campaign::{CAMPAIGN_FILE, Campaign, RigFacts, RunEntry};
+pub use carried::{CarriedError, carried, carry};
 pub use csv_reader::CsvRows;
 pub use csv_writer::{CsvWriter, push_integer, push_number};
 pub use error::{CampaignError, CutShort, Mismatch, Place, Spot};

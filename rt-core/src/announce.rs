@@ -211,6 +211,15 @@ impl Announcements {
         }
     }
 
+    /// What was announced last, with the number of its run; `None`: nothing since this end was opened.
+    ///
+    /// # Errors
+    /// As [`Announcements::of_run`].
+    pub fn newest(&mut self) -> Result<Option<(u32, &[u8])>, LinkError> {
+        self.hear()?;
+        Ok(self.heard.back().map(|(run, bytes)| (*run, bytes.as_slice())))
+    }
+
     /// Takes what has come; to be called now and then, or what is announced meanwhile is lost.
     ///
     /// # Errors

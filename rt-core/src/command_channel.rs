@@ -265,16 +265,8 @@ impl CommandServer {
         switches: &Switches,
         text: &dyn Fn() -> String,
     ) -> Result<(), LinkError> {
-        let broken =
-            |instance: &str, what, cause: String| LinkError::Transport { instance: instance.to_owned(), what, cause };
-        let timeout = if self.confirming.is_empty() { timeout } else { LOOK };
-        match self.listener.timed_wait(|_| (), timeout) {
-            Ok(_) | Err(ListenerWaitError::InterruptSignal) => {}
-            Err(error) => return Err(broken(&self.instance, "waiting for a command", error.to_string())),
-        }
-        while let Some(asked) =
-            self.server.receive().map_err(|e| broken(&self.instance, "taking a command", e.to_string()))?
-        {
+        self.wait(if self.confirming.is_empty() { timeout } else { LOOK })?;
+        while let Some(asked) = self.receive()? {
             let taken = match asked.payload().command() {
                 None => None,
                 Some(RunCommand::Look) => Some(Ok(None)),
@@ -295,6 +287,46 @@ impl CommandServer {
         }
         self.confirm(switches, text);
         Ok(())
+    }
+
+    /// Waits up to `timeout` for commands and lets `decide` answer each of them: for a program that carries them to the machine on which the
+    /// run goes on. Nothing else is taken meanwhile.
+    ///
+    /// # Errors
+    /// The transport failed.
+    pub fn pass_on(
+        &mut self,
+        timeout: Duration,
+        decide: &mut dyn FnMut(RunCommand) -> Answer,
+    ) -> Result<(), LinkError> {
+        self.wait(timeout)?;
+        while let Some(asked) = self.receive()? {
+            let reply = match asked.payload().command() {
+                None => Reply::new(None, None, ""),
+                Some(command) => {
+                    let Answer { taken, open, text } = decide(command);
+                    Reply::new(Some(taken), open, &text)
+                }
+            };
+            // A client that is gone needs no answer.
+            let _ = asked.send_copy(reply);
+        }
+        Ok(())
+    }
+
+    fn wait(&self, timeout: Duration) -> Result<(), LinkError> {
+        match self.listener.timed_wait(|_| (), timeout) {
+            Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
+            Err(error) => Err(self.broken("waiting for a command", error.to_string())),
+        }
+    }
+
+    fn receive(&self) -> Result<Option<Asked>, LinkError> {
+        self.server.receive().map_err(|e| self.broken("taking a command", e.to_string()))
+    }
+
+    fn broken(&self, what: &'static str, cause: String) -> LinkError {
+        LinkError::Transport { instance: self.instance.clone(), what, cause }
     }
 
     /// Goes on with the confirmations, without waiting for the loop.

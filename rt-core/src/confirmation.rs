@@ -37,7 +37,7 @@ pub struct Confirmation {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Refusal {
     /// Nothing is asked for at this tick: it comes too early, too late, or twice.
-    #[error("nothing waits for a confirmation now")]
+    #[error("nothing waits for a confirmation now; `bench confirm --show` says what is asked")]
     NothingWaits,
     /// Another request is open by now.
     #[error("it answers a request that is not the open one; look at what is asked for now")]
@@ -54,17 +54,25 @@ pub enum Refusal {
     /// No run looks at confirmations, or its loop is held up.
     #[error("no run has answered; does one go on?")]
     NoAnswer,
+    /// Whoever carries the command to the rig's machine may only look there.
+    #[error("the link to the rig's machine is read-only; start it there with --control")]
+    ReadOnly,
+    /// The rig's machine can't be reached.
+    #[error("the rig's machine does not answer; use the emergency stop at the rig, and check the link")]
+    Unreachable,
 }
 
 impl Refusal {
     /// All of them.
-    pub const ALL: [Refusal; 6] = [
+    pub const ALL: [Refusal; 8] = [
         Refusal::NothingWaits,
         Refusal::OtherRequest,
         Refusal::AmountMissing,
         Refusal::AmountUnasked,
         Refusal::AmountNotFinite,
         Refusal::NoAnswer,
+        Refusal::ReadOnly,
+        Refusal::Unreachable,
     ];
 }
 

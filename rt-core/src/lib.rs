@@ -18,6 +18,7 @@
 //! | [`service_channel`] | the same to the service that starts runs |
 //! | [`confirmation`] | what people are asked for, and how their word reaches the loop |
 //! | [`announce`] | what a run is, told before its first sample |
+//! | [`relay`] | samples that were carried here from another machine |
 //! | [`presence`] | whether anybody publishes |
 //! | [`link`] | names, sizes and errors of the shared-memory services |
 
@@ -34,6 +35,7 @@ pub mod loss;
 pub mod overrun;
 pub mod presence;
 pub mod publish;
+pub mod relay;
 pub mod replay;
 mod rhythm;
 mod sender;
@@ -55,6 +57,7 @@ pub use link::LinkError;
 pub use loss::{LossCertificate, LossTracker, OutOfOrder};
 pub use overrun::OverrunPolicy;
 pub use publish::{Handover, Pace, Publication, Publish, Settled};
+pub use relay::Relay;
 pub use service_channel::{ServiceAnswer, ServiceCommand, ServiceServer, ServiceState, send_service_command};
 pub use statistics::{Ended, RunReport, Statistics};
 pub use subscribe::{Delivery, SampleSubscriber};

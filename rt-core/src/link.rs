@@ -57,7 +57,9 @@ pub(crate) struct Progress {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum LinkError {
     /// The name can't be part of a service name.
-    #[error("instance name {0:?}: expected 1..={INSTANCE_MAX_LEN} of a-z, A-Z, 0-9, '-', '_' and '.'")]
+    #[error(
+        "instance name {0:?}: expected 1..={INSTANCE_MAX_LEN} of a-z, A-Z, 0-9, '-', '_' and '.'; choose another --instance"
+    )]
     InstanceName(String),
     /// Another service publishes under this name.
     #[error("instance {instance:?} is in use by another running service; end that one or choose another instance")]
@@ -93,7 +95,9 @@ pub enum LinkError {
         cause: String,
     },
     /// The transport failed while it was used.
-    #[error("instance {instance:?}: {what} failed: {cause}")]
+    #[error(
+        "instance {instance:?}: {what} failed: {cause}; end the programs that use this instance and start them again"
+    )]
     Transport {
         /// Name of the instance.
         instance: String,
@@ -112,7 +116,7 @@ pub enum LinkError {
     #[error(transparent)]
     OutOfOrder(#[from] OutOfOrder),
     /// Something was waited for in vain.
-    #[error("waited {waited_s:.1} s for {what}")]
+    #[error("waited {waited_s:.1} s for {what}; is the other program stopped, or the machine overloaded?")]
     Timeout {
         /// What did not come.
         what: String,
@@ -120,7 +124,7 @@ pub enum LinkError {
         waited_s: f64,
     },
     /// The publication thread has ended, by an error that was already reported, or by a panic.
-    #[error("the publication thread has ended")]
+    #[error("the publication thread has ended, for the reason that was said above; start the run again")]
     Ended,
 }
 

@@ -25,6 +25,9 @@ pub enum Delivery {
 /// reports its progress.
 pub const DRAIN_MAX: usize = 1024;
 
+/// The transport takes a wait of no length, which a socket's timeout of less than a microsecond is too, for one without end.
+const SHORTEST_WAIT: Duration = Duration::from_millis(1);
+
 /// A subscription to the samples of an instance. Its ports belong to the thread that opened it.
 #[derive(Debug)]
 pub struct SampleSubscriber {
@@ -84,7 +87,8 @@ impl SampleSubscriber {
         Ok(count)
     }
 
-    /// Like [`drain`](Self::drain), but waits up to `timeout` when nothing is there; one that is not woken waits that long.
+    /// Like [`drain`](Self::drain), but waits up to `timeout`, a millisecond at least, when nothing is there; one that is not woken waits
+    /// that long.
     pub fn receive(&mut self, timeout: Duration, into: &mut Vec<Sample>) -> Result<usize, LinkError> {
         let count = self.drain(into)?;
         if count > 0 {
@@ -95,7 +99,7 @@ impl SampleSubscriber {
             return self.drain(into);
         };
         // Wake-ups are sent after their samples: one that comes between the look above and this wait ends it.
-        match wake.timed_wait(|_| {}, timeout) {
+        match wake.timed_wait(|_| {}, timeout.max(SHORTEST_WAIT)) {
             // A signal that interrupts the wait only makes it shorter.
             Ok(_) | Err(ListenerWaitError::InterruptSignal) => {}
             Err(e) => return Err(self.link.broken("waiting for samples", e.to_string())),

@@ -65,6 +65,18 @@ fn a_sample_of_another_version_is_refused() {
     assert_eq!(subscriber.drain(&mut Vec::new()), Err(LinkError::Version { got: 99 }));
 }
 
+/// Hung for ever: to the transport a wait of no length is one without end. Not called from here, so that it fails instead.
+#[test]
+fn a_look_without_a_wait_comes_back_where_nobody_publishes() {
+    let (done, looked) = std::sync::mpsc::channel();
+    std::thread::spawn(move || {
+        let mut subscriber = SampleSubscriber::open(&instance("no-wait"), Delivery::BestEffort).unwrap();
+        let counts = [Duration::ZERO, Duration::from_nanos(1)].map(|wait| subscriber.receive(wait, &mut Vec::new()));
+        done.send(counts).unwrap();
+    });
+    assert_eq!(looked.recv_timeout(SOON), Ok([Ok(0), Ok(0)]));
+}
+
 #[test]
 fn waiting_in_vain_says_for_what() {
     let instance = instance("vain");

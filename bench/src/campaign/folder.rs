@@ -125,7 +125,11 @@ pub(super) fn nothing_there<'a>(dir: &Path, names: impl Iterator<Item = &'a str>
 
 fn lock(dir: &Path) -> Result<File, Failure> {
     let input = |what: String| Failure::new(Kind::Input, format!("{}: {what}", dir.display()));
-    let file = File::open(dir).map_err(|error| input(format!("expected a folder, got \"{error}\"")))?;
+    let file = File::open(dir).map_err(|error| {
+        input(format!(
+            "expected a folder that can be read, got \"{error}\"; check its permissions, or name another --out"
+        ))
+    })?;
     match file.try_lock() {
         Ok(()) => Ok(file),
         Err(TryLockError::WouldBlock) => {

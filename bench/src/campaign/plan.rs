@@ -141,7 +141,11 @@ impl Plan {
         let text = match std::fs::read_to_string(&path) {
             Ok(text) => text,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-            Err(error) => return Err(input(format!("expected a campaign's plan, got \"{error}\""))),
+            Err(error) => {
+                return Err(input(format!(
+                    "expected a campaign's plan that can be read, got \"{error}\"; check its permissions, or name another --out"
+                )));
+            }
         };
         let remedy = "record into another folder, or put the plan back as it was";
         let table: toml::Table = toml::from_str(&text).map_err(|error| input(at_line(&text, &error, remedy)))?;
@@ -269,7 +273,10 @@ pub(super) fn write_whole(path: &Path, text: &str) -> Result<(), Failure> {
 
 fn distinct(scripts: &[Script]) -> Result<(), Failure> {
     if scripts.is_empty() {
-        return Err(Failure::new(Kind::Input, "expected at least one profile, got none"));
+        return Err(Failure::new(
+            Kind::Input,
+            "expected at least one profile, got none; `bench profile list` names the built-in ones",
+        ));
     }
     let mut seen = BTreeSet::new();
     match scripts.iter().find(|script| !seen.insert(&script.name)) {

@@ -5,6 +5,7 @@ use super::run::{dry_run, listening, profile};
 use super::time::TimeArgs;
 use crate::campaign::known::Known;
 use crate::campaign::outlook::span;
+use crate::campaign::plan::PlannedRun;
 use crate::campaign::{Folder, PLAN_FILE, Plan, Session, Settings};
 use crate::devices::Devices;
 use crate::emulation::builtin_scripts;
@@ -17,6 +18,8 @@ use crate::runner::Mode;
 use crate::setup::Knowledge;
 use model::ModelFile;
 use profiles::{Context, Hands, Script};
+use recordings::RunEntry;
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -48,9 +51,14 @@ pub struct Args {
     /// Seed of the profiles' random steps and of the emulated sensors
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Print the plan, or the runs that are there at the end, as one JSON object
+    #[arg(long)]
+    json: bool,
 }
 
 pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
+    let stdout = progress;
+    let progress = &progress.beside(args.json);
     let rig = Rig::read(args.rig.as_deref())?;
     let mut scripts = if args.profiles.is_empty() {
         builtin_scripts()?
@@ -77,7 +85,10 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     let record = rig.record()?;
     let plan = Plan::of(&settings, &files(&rig, &knowledge, record.files.clone()), &knowledge, &mut scripts)?;
     if args.plan_only {
-        return say_plan(&plan, &scripts, &rig, args.seed, progress);
+        return match args.json {
+            true => stdout.json(&planned(&plan, &scripts, &rig, args.seed)?),
+            false => say_plan(&plan, &scripts, &rig, args.seed, progress),
+        };
     }
 
     if matches!((&rig.device, &mode), (DeviceSpec::Wired(_), Mode::Lockstep)) {
@@ -113,6 +124,11 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     }
     let campaign = session.finish()?;
     progress.result(&format!("campaign: {} runs in {}", campaign.runs.len(), dir.display()));
+    if args.json {
+        let run = |run: &RunEntry| json!({"file": run.file, "protocol": run.protocol.as_str(), "role": run.role.as_str(), "plane": run.plane.as_str()});
+        let runs: Vec<Value> = campaign.runs.iter().map(run).collect();
+        stdout.json(&json!({"dir": dir.display().to_string(), "name": campaign.name, "runs": runs}))?;
+    }
     Ok(())
 }
 
@@ -140,6 +156,26 @@ fn dry_runs(scripts: &[Script], there: &[bool], rig: &Rig, seed: u64, progress: 
         }
     }
     Ok(())
+}
+
+/// The plan for scripts.
+fn planned(plan: &Plan, scripts: &[Script], rig: &Rig, seed: u64) -> Result<Value, Failure> {
+    let context = Context { u_max_v: rig.facts.u_max_v, seed, hands: Hands::People };
+    let run = |(run, script): (&PlannedRun, &Script)| {
+        let requests = script.requests(&context).map_err(|e| Failure::of(Kind::Input, &e))?;
+        Ok(json!({
+            "name": run.name,
+            "protocol": run.protocol,
+            "role": run.role,
+            "needs": run.needs,
+            "at_least_s": script.duration_least_s(),
+            "at_most_s": run.at_most_s,
+            "requests": requests.len(),
+            "prepared": script.preparation(),
+        }))
+    };
+    let runs = plan.runs.iter().zip(scripts).map(run).collect::<Result<Vec<Value>, Failure>>()?;
+    Ok(json!({"runs": runs, "at_most_s": plan.at_most_s(0)}))
 }
 
 fn say_plan(plan: &Plan, scripts: &[Script], rig: &Rig, seed: u64, progress: &Progress) -> Result<(), Failure> {

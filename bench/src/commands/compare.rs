@@ -4,6 +4,7 @@ use crate::failure::{Failure, Kind};
 use crate::progress::Progress;
 use model::ModelFile;
 use model::parameters::NAMES;
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 /// Compare two identified models, parameter by parameter, in standard errors
@@ -16,6 +17,21 @@ pub struct Args {
     /// They agree where no difference is larger than so many standard errors of it
     #[arg(long, default_value_t = 3.0)]
     within: f64,
+    /// Print the result as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Document<'a> {
+    /// No difference is larger than `within` standard errors.
+    agree: bool,
+    within: f64,
+    /// The largest difference, standard errors, and whose it is.
+    largest: f64,
+    largest_of: &'static str,
+    parameters: &'a [Row],
 }
 
 pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
@@ -29,6 +45,8 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
         );
         return Err(Failure::new(Kind::Input, message));
     }
+    let json = progress;
+    let progress = &progress.beside(args.json);
     progress.result(&format!("{:<5} {:>13} {:>13} {:>12} {:>7}", "", "A", "B", "std of A-B", "A-B/std"));
     for Row { name, a, b, std } in &rows {
         progress.result(&format!("{name:<5} {a:>13.6} {b:>13.6} {std:>12.2e} {:>7.2}", (a - b) / std));
@@ -42,7 +60,12 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
         worst.name,
         args.within
     );
-    if worst.distance() <= args.within {
+    let agree = worst.distance() <= args.within;
+    if args.json {
+        let (largest, largest_of) = (worst.distance(), worst.name);
+        json.json(&Document { agree, within: args.within, largest, largest_of, parameters: &rows })?;
+    }
+    if agree {
         progress.result(&verdict);
         return Ok(());
     }
@@ -54,6 +77,7 @@ fn read(path: &Path) -> Result<ModelFile, Failure> {
 }
 
 /// A parameter that both models have with a standard error.
+#[derive(Serialize)]
 struct Row {
     name: &'static str,
     a: f64,

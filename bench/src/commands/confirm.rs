@@ -2,7 +2,7 @@
 
 use crate::failure::{Failure, Kind};
 use crate::progress::Progress;
-use rt_core::{Amount, Answer, Confirmation, RunCommand, send_command};
+use rt_core::{Amount, Answer, Confirmation, Refusal, RunCommand, send_command};
 use std::time::Duration;
 
 /// The run answers within a tick; a machine under load a little later.
@@ -44,6 +44,9 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
             let tick = tick.map_or_else(String::new, |tick| format!(" at tick {tick}"));
             progress.result(&format!("confirmed{tick}: {text}"));
             Ok(())
+        }
+        Err(refusal @ (Refusal::ReadOnly | Refusal::Unreachable)) => {
+            Err(Failure::new(Kind::Device, format!("not taken: {refusal}")))
         }
         Err(refusal) => Err(Failure::new(Kind::Input, format!("not taken: {refusal} ({wants})"))),
     }

@@ -3,6 +3,7 @@
 
 use super::diagnose_plant::{self, PlantArgs};
 use super::results::{Wanted, analyse_with};
+use super::results_json::as_json;
 use crate::failure::{Failure, Kind};
 use crate::next::auto::{Auto, Budget};
 use crate::progress::Progress;
@@ -42,13 +43,16 @@ pub struct Args {
     /// With --auto: seed of the emulated sensors
     #[arg(long, default_value_t = 1, requires = "auto")]
     seed: u64,
+    /// Print the findings as one JSON object
+    #[arg(long, conflicts_with = "auto")]
+    json: bool,
     #[command(flatten)]
     plant: PlantArgs,
 }
 
 pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     if let (Some(id), Some(data)) = (&args.plant.plant, &args.plant.data) {
-        return diagnose_plant::run(id, data, args.plant.validate.as_deref(), args.out.as_deref(), progress);
+        return diagnose_plant::run(id, data, args.plant.validate.as_deref(), args.out.as_deref(), args.json, progress);
     }
     let dir = args
         .dir
@@ -63,7 +67,8 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
             declared: declared.as_ref(),
             rig: rig.as_ref(),
         };
-        return analyse_with(dir, args.out.as_deref(), &wanted, progress).map(drop);
+        let results = analyse_with(dir, args.out.as_deref(), &wanted, &progress.beside(args.json))?;
+        return if args.json { progress.json(&as_json(&results)?) } else { Ok(()) };
     }
     let budget = Budget::new(args.budget_min, args.most_runs)?;
     let auto = Auto { dir, out: args.out.as_deref(), declared: declared.as_ref(), budget, seed: args.seed };

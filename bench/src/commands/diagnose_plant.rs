@@ -29,8 +29,10 @@ pub(super) fn run(
     data: &Path,
     validate: Option<&Path>,
     out: Option<&Path>,
+    json: bool,
     progress: &Progress,
 ) -> Result<(), Failure> {
+    let (stdout, progress) = (progress, &progress.beside(json));
     let known = || PLANTS.iter().map(|p| p.header().id).collect::<Vec<_>>().join(", ");
     let plant = find(id).ok_or_else(|| {
         Failure::new(
@@ -48,6 +50,10 @@ pub(super) fn run(
         let written = leave(&analysis, out)?;
         progress.result("");
         written.iter().for_each(|file| progress.result(&format!("written: {}", file.display())));
+    }
+    if json {
+        // As it is in the file.
+        stdout.result(analysis.findings.to_json().trim_end());
     }
     Ok(())
 }

@@ -44,7 +44,12 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
         [] => Ok(()),
         names => Err(Failure::new(
             Kind::Acceptance,
-            format!("{} of {} checks found a problem: {}", names.len(), checks.len(), names.join(", ")),
+            format!(
+                "{} of {} checks found a problem: {}; what to do stands with each",
+                names.len(),
+                checks.len(),
+                names.join(", ")
+            ),
         )),
     };
     if *json {
@@ -60,7 +65,12 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
 /// The checks look below a root: a relative path would mean another place there.
 fn absolute(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
     let whole = |path: &PathBuf| {
-        std::path::absolute(path).map_err(|e| Failure::new(Kind::Input, format!("{}: {e}", Path::display(path))))
+        std::path::absolute(path).map_err(|e| {
+            Failure::new(
+                Kind::Input,
+                format!("{}: expected a path, got \"{e}\"; name the port by its whole path", Path::display(path)),
+            )
+        })
     };
     paths.iter().map(whole).collect()
 }

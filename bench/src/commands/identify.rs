@@ -1,6 +1,7 @@
 //! `bench identify DIR [--out OUT] [--torque FORM] [--model MODEL.toml]`
 
 use super::results::{Wanted, analyse_with};
+use super::results_json::as_json;
 use crate::failure::{Failure, Kind};
 use crate::progress::Progress;
 use identify::analysis::Depth;
@@ -19,6 +20,9 @@ pub struct Args {
     /// Torque characteristic: eq. (2), or its third order after eq. (1), compared with eq. (2) in the report
     #[arg(long, value_name = "eq2|third-order", default_value = "eq2")]
     torque: TorqueForm,
+    /// Print the results as one JSON object
+    #[arg(long)]
+    json: bool,
     /// Model whose effects ([[effect]]) are part of what is identified; its values are where they begin
     #[arg(long, value_name = "MODEL.toml")]
     model: Option<PathBuf>,
@@ -28,5 +32,6 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     let declared = args.model.as_deref().map(ModelFile::read).transpose().map_err(|e| Failure::of(Kind::Input, &e))?;
     let wanted =
         Wanted { depth: Depth::Identification, form: args.torque, declared: declared.as_ref(), ..Wanted::default() };
-    analyse_with(&args.dir, args.out.as_deref(), &wanted, progress).map(drop)
+    let results = analyse_with(&args.dir, args.out.as_deref(), &wanted, &progress.beside(args.json))?;
+    if args.json { progress.json(&as_json(&results)?) } else { Ok(()) }
 }

@@ -76,7 +76,10 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     match outcome {
         Err(error) => Err(failure_of(&error)),
         Ok(()) if log.cut_by_interrupt || (interrupted && plan.runs.is_some_and(|runs| log.closed < runs)) => {
-            let message = format!("interrupted after {} recorded runs", log.closed);
+            let message = format!(
+                "interrupted after {} recorded runs; what was open is closed, and its certificate says what is missing",
+                log.closed
+            );
             Err(Failure::new(Kind::Interrupted, message))
         }
         Ok(()) if log.lossy.is_empty() => Ok(()),

@@ -43,7 +43,13 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     if differing.is_empty() {
         return Ok(());
     }
-    Err(Failure::new(Kind::Acceptance, format!("the replay differs from the recording: {}", differing.join(", "))))
+    Err(Failure::new(
+        Kind::Acceptance,
+        format!(
+            "the replay differs from the recording: {}; this program decides otherwise than the one that `bench info` names as its maker, from the tick and field above on",
+            differing.join(", ")
+        ),
+    ))
 }
 
 /// Replays one recording.

@@ -58,6 +58,8 @@ pub struct Results {
     pub analysis: Analysis,
     /// What would settle it.
     pub next: Option<Designed>,
+    /// The files that hold it.
+    pub written: Vec<PathBuf>,
 }
 
 /// As [`analyse_folder`]; designs the next run where the verdict leaves something open.
@@ -98,7 +100,7 @@ pub fn analyse_with(dir: &Path, out: Option<&Path>, wanted: &Wanted, progress: &
     summary(&analysis).iter().for_each(|line| progress.result(line));
     progress.result("");
     written.iter().for_each(|file| progress.result(&format!("written: {}", file.display())));
-    Ok(Results { analysis, next })
+    Ok(Results { analysis, next, written })
 }
 
 /// Designs the run that settles what is open, and says it in findings and headline.

@@ -10,13 +10,14 @@ use crate::operator;
 use crate::progress::Progress;
 use crate::recorder::OnFull;
 use crate::rig_file::{DeviceSpec, Rig};
-use crate::runner::{Plan, Runner, certify, judge};
+use crate::runner::{Finished, Plan, Runner, certify, judge};
 use crate::setup::Knowledge;
 use crate::timing::Timing;
 use profiles::{BUILTIN, Context, EXAMPLES, Script};
-use rt_core::{CommandServer, Switches};
+use rt_core::{CommandServer, Ended, Switches};
 use rustix::process::{Signal, getppid, set_parent_process_death_signal};
 use rustix::thread::set_name;
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -55,6 +56,9 @@ pub struct Args {
     /// Skip the dry run on the rig's model, which comes before a run on wires
     #[arg(long)]
     no_dry_run: bool,
+    /// Print how the run ended as one JSON object
+    #[arg(long)]
+    json: bool,
     /// Number that the samples carry
     #[arg(long, default_value_t = 0, hide = true)]
     run_number: u32,
@@ -67,12 +71,20 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     if let Some(parent) = args.with_parent {
         end_with(parent)?;
     }
+    let stdout = progress;
+    let progress = &progress.beside(args.json);
     let rig = Rig::read(args.rig.as_deref())?;
     let script = profile(&args.profile)?;
     let path = args.out.clone().unwrap_or_else(|| free_file(Path::new(RECORDINGS), &script.name));
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder).map_err(|error| {
-            Failure::new(Kind::Input, format!("{}: can't be created: {error}; choose another --out", folder.display()))
+            Failure::new(
+                Kind::Input,
+                format!(
+                    "{}: expected a folder for the recording, got \"{error}\"; choose another --out",
+                    folder.display()
+                ),
+            )
         })?;
     }
     if !args.no_dry_run {
@@ -111,8 +123,61 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     if let Some(first) = finished.incidents.first() {
         progress.result(&format!("incidents: {} files, the first {}", finished.incidents.len(), first.display()));
     }
+    if args.json {
+        stdout.json(&Document::of(&script.name, &path, &finished))?;
+    }
     judge(&script.name, &finished.report)?;
     certify(&script.name, &finished.certificate)
+}
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Document<'a> {
+    name: &'a str,
+    /// `completed`, `tripped`, `stopped` or `aborted`.
+    outcome: &'static str,
+    /// The same in words.
+    text: String,
+    recording: String,
+    /// Whether the recording holds every sample.
+    lossless: bool,
+    samples: u64,
+    expected: u64,
+    /// First and last number of each gap.
+    gaps: &'a [(u64, u64)],
+    ticks: u64,
+    skipped: u64,
+    overruns: u64,
+    /// 0 in virtual time.
+    lateness_max_us: f64,
+    trip: Option<String>,
+    incidents: Vec<String>,
+}
+
+impl<'a> Document<'a> {
+    fn of(name: &'a str, path: &Path, Finished { report, certificate, incidents }: &'a Finished) -> Self {
+        Document {
+            name,
+            outcome: match report.ended {
+                Ended::Completed => "completed",
+                Ended::Tripped => "tripped",
+                Ended::Stopped => "stopped",
+                Ended::Aborted => "aborted",
+            },
+            text: report.to_string(),
+            recording: path.display().to_string(),
+            lossless: certificate.is_lossless(),
+            samples: certificate.received,
+            expected: certificate.expected,
+            gaps: &certificate.gaps,
+            ticks: report.statistics.ticks,
+            skipped: report.statistics.skipped,
+            overruns: report.statistics.overruns,
+            lateness_max_us: report.statistics.lateness_max_ns as f64 * 1e-3,
+            trip: report.trip.as_ref().map(ToString::to_string),
+            incidents: incidents.iter().map(|file| file.display().to_string()).collect(),
+        }
+    }
 }
 
 /// What the run would do to a rig on wires, by its own model, before anything moves.

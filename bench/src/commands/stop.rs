@@ -29,6 +29,9 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     // Before the command: its effect shows in the samples.
     let mut subscriber = SampleSubscriber::open(&args.instance, Delivery::BestEffort).map_err(link)?;
     let answer = send_command(&args.instance, command, PATIENCE).map_err(link)?;
+    if let Err(refusal) = answer.taken {
+        return Err(Failure::new(Kind::Device, format!("not taken: {refusal}")));
+    }
     if answer.open.is_some_and(|open| open.request == PREPARATION) {
         progress.result("stopped before the run: the rig was still being prepared");
         return Ok(());
@@ -45,7 +48,8 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
         }
     }
     let message = format!(
-        "instance {:?} took the command, but no sample within {} s shows it: no run goes on, or its publication stalls",
+        "instance {:?} took the command, but no sample within {} s shows it: no run goes on, or its publication \
+         stalls. Look at the run's own terminal; where the rig may still move, use its emergency stop",
         args.instance,
         PATIENCE.as_secs()
     );

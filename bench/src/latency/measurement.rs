@@ -257,7 +257,12 @@ impl<T: Send + 'static> Prepared<T> {
             let _ = finished.send(work());
         };
         let handle = thread::Builder::new().name("loop".to_owned()).spawn(body);
-        let handle = handle.map_err(|e| Failure::new(Kind::Internal, format!("the loop's thread: {e}")))?;
+        let handle = handle.map_err(|e| {
+            Failure::new(
+                Kind::Internal,
+                format!("expected a thread for the loop, got \"{e}\"; free memory or threads (`ulimit -a`)"),
+            )
+        })?;
         let report = Report::new(from_thread.recv().map_err(|_| defect())?);
         Ok(Prepared { report, done, handle })
     }

@@ -21,6 +21,7 @@ pub use understood::{Mapped, Part, Understood, Wire};
 use crate::controller::Settings as LoopSettings;
 use crate::failure::{Failure, Kind};
 use crate::setup::Knowledge;
+use crate::simulation::added_effects;
 use document::{Document, label, table_label};
 use drivers::wired::{AmplifierSettings, CanSettings, Settings};
 use model::{ModelFile, Parameters};
@@ -273,8 +274,15 @@ impl Builder<'_> {
     }
 
     fn model(&mut self, path: &Path, key: &str) -> Option<ModelFile> {
-        match ModelFile::read(&self.folder.join(path)) {
-            Ok(model) => Some(model),
+        let path = self.folder.join(path);
+        match ModelFile::read(&path) {
+            Ok(model) => {
+                // Said now, and not when the first run is to begin.
+                if let Err(error) = added_effects(&model) {
+                    self.problem(key, format!("{}: {error}", path.display()));
+                }
+                Some(model)
+            }
             Err(error) => {
                 self.problem(key, Failure::of(Kind::Input, &error).message);
                 None

@@ -47,3 +47,17 @@ fn a_bad_file_is_named_with_line_and_reason() {
         assert!(failure.message.contains(expected), "{text}: {failure}");
     }
 }
+
+#[test]
+fn a_plant_whose_effect_lacks_a_parameter_is_refused_when_the_file_is_read() {
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    let mut plant = ModelFile::plain(Parameters::example()).to_toml();
+    plant.push_str("\n[[effect]]\nid = \"cross_leakage\"\nparameters = { k = 0.15 }\n");
+    std::fs::write(dir.path().join("plant.toml"), plant).expect("writable");
+    let text = "[device]\nkind = \"emulated\"\nmodel = \"plant.toml\"\n";
+    let failure = Rig::parse(text, "rig.toml", dir.path()).expect_err("d is missing");
+    for word in ["rig.toml: line 3", "plant.toml", "\"d\"", "k (ml/(s sqrt(bar))), d (bar)"] {
+        assert!(failure.message.contains(word), "{word} in {failure}");
+    }
+    assert_eq!(failure.exit_code(), 2);
+}

@@ -96,7 +96,10 @@ pub enum CanError {
         found: &'static str,
     },
     /// Anything else that the system refuses.
-    #[error("{interface}: {what}: {source}")]
+    #[error(
+        "{interface}: {what} failed: {source}; is the interface still there and up (`ip -details link`), and are there file descriptors and \
+         threads left (`ulimit -a`)?"
+    )]
     System {
         /// Of what.
         interface: Interface,

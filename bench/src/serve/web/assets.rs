@@ -7,9 +7,53 @@ use axum::http::{HeaderValue, Method, StatusCode};
 use axum::response::{IntoResponse, Response};
 
 const HTML: &str = "text/html; charset=utf-8";
+const STYLE: &str = "text/css; charset=utf-8";
+const SCRIPT: &str = "text/javascript; charset=utf-8";
+const TEXT: &str = "text/plain; charset=utf-8";
+const PICTURE: &str = "image/svg+xml";
+
+/// A file of `bench/web` under its own name.
+macro_rules! page_file {
+    ($name:literal, $kind:expr) => {
+        (concat!("/", $name), $kind, include_bytes!(concat!("../../../web/", $name)))
+    };
+}
+
+/// A file of uPlot as it was released; the reports have it, too.
+macro_rules! uplot_file {
+    ($name:literal, $kind:expr) => {
+        (concat!("/uplot/", $name), $kind, include_bytes!(concat!("../../../assets/uplot/", $name)))
+    };
+}
 
 /// Path, type and content.
-const FILES: &[(&str, &str, &[u8])] = &[("/", HTML, include_bytes!("../../../web/index.html"))];
+const FILES: &[(&str, &str, &[u8])] = &[
+    ("/", HTML, include_bytes!("../../../web/index.html")),
+    page_file!("monitor.css", STYLE),
+    page_file!("icon.svg", PICTURE),
+    page_file!("main.js", SCRIPT),
+    page_file!("api.js", SCRIPT),
+    page_file!("controls.js", SCRIPT),
+    page_file!("decimate.js", SCRIPT),
+    page_file!("derived.js", SCRIPT),
+    page_file!("dom.js", SCRIPT),
+    page_file!("events.js", SCRIPT),
+    page_file!("format.js", SCRIPT),
+    page_file!("histogram.js", SCRIPT),
+    page_file!("history.js", SCRIPT),
+    page_file!("live.js", SCRIPT),
+    page_file!("phase.js", SCRIPT),
+    page_file!("plots.js", SCRIPT),
+    page_file!("readouts.js", SCRIPT),
+    page_file!("runs.js", SCRIPT),
+    page_file!("status.js", SCRIPT),
+    page_file!("stop.js", SCRIPT),
+    page_file!("theme.js", SCRIPT),
+    page_file!("uplot.js", SCRIPT),
+    uplot_file!("uPlot.iife.min.js", SCRIPT),
+    uplot_file!("uPlot.min.css", STYLE),
+    uplot_file!("LICENSE", TEXT),
+];
 
 /// A file of the page.
 pub async fn serve(request: Request) -> Response {
@@ -41,5 +85,25 @@ mod tests {
         for (path, kind, bytes) in FILES {
             assert!(path.starts_with('/') && kind.contains('/') && !bytes.is_empty(), "{path}");
         }
+    }
+
+    #[test]
+    fn every_file_that_another_one_names_is_served() {
+        let mut named = 0;
+        for (path, kind, bytes) in FILES {
+            let text = std::str::from_utf8(bytes).expect("all of them are text");
+            // In the page `src="main.js"` and `href="monitor.css"`, in a module `from "./api.js"`. The library names none.
+            let marks: &[&str] = match *kind {
+                HTML => &["src=\"", "href=\""],
+                SCRIPT if !path.starts_with("/uplot/") => &["from \"./"],
+                _ => &[],
+            };
+            for rest in marks.iter().flat_map(|mark| text.split(mark).skip(1)) {
+                let file = rest.split('"').next().expect("a split has a first part");
+                assert!(FILES.iter().any(|(path, ..)| path[1..] == *file), "{path} names {file}");
+                named += 1;
+            }
+        }
+        assert!(named > FILES.len() - 5, "{named} names were found");
     }
 }

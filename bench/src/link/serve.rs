@@ -1,0 +1,240 @@
+//! The rig's end: takes samples out of shared memory as a monitor does and hands them to the network, tells what a run is, and, where it
+//! is allowed, passes commands on to the run.
+
+use super::message::{Asked, Said};
+use super::{State, VERSION, broken, free, key, session};
+use crate::failure::{Failure, Kind};
+use recordings::carry;
+use rt_core::announce::Announcements;
+use rt_core::{Answer, Delivery, LinkError, Refusal, RunCommand, Sample, SampleSubscriber, send_command};
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+use zenoh::pubsub::Publisher;
+use zenoh::qos::{CongestionControl, Priority};
+use zenoh::query::Query;
+use zenoh::{Session, Wait};
+
+/// Samples of so long travel together.
+const TOGETHER: Duration = Duration::from_millis(10);
+/// At most so many: a message stays well below what the network takes at once.
+const MOST_TOGETHER: usize = 32;
+/// Between two signs of life.
+const SIGN: Duration = Duration::from_millis(200);
+/// The run answers within a tick, a confirmation within two seconds.
+const PATIENCE: Duration = Duration::from_millis(2500);
+/// Runs whose setup is remembered.
+const SETUPS_KEPT: usize = 8;
+
+/// What the rig's end is to do.
+#[derive(Clone, Debug)]
+pub struct Settings {
+    /// Instance of the runs.
+    pub instance: String,
+    /// Addresses to listen on: [`super::endpoint`].
+    pub listen: Vec<String>,
+    /// Take commands.
+    pub control: bool,
+}
+
+/// What each run is, by number: for queries, which come in threads of their own.
+type Setups = Arc<Mutex<BTreeMap<u32, Vec<u8>>>>;
+
+/// Serves until `end` is set.
+///
+/// # Errors
+/// The instance can't be subscribed to, the addresses can't be listened on (4).
+pub fn serve(settings: &Settings, end: &AtomicBool, say: &(dyn Fn(&str) + Sync)) -> Result<(), Failure> {
+    let Settings { instance, listen, control } = settings;
+    let link = |e: LinkError| Failure::of(Kind::Device, &e);
+    listen.iter().try_for_each(|endpoint| free(endpoint))?;
+    // Before the network: who connects finds something.
+    let announcements = Announcements::open(instance).map_err(link)?;
+    let subscriber = SampleSubscriber::open(instance, Delivery::BestEffort).map_err(link)?;
+    let session = session(listen, &[])?;
+    say(&format!(
+        "instance {instance:?} is served on {}, {}",
+        listen.join(", "),
+        if *control { "with commands" } else { "read-only" }
+    ));
+
+    let setups = Setups::default();
+    let (ask, asked) = channel();
+    let answering = Arc::clone(&setups);
+    let _setup_queries = session
+        .declare_queryable(key(instance, "setup"))
+        .callback(move |query| answer_setup(&query, &answering))
+        .wait()
+        .map_err(|e| broken("answering for setups", &e))?;
+    let _command_queries = session
+        .declare_queryable(key(instance, "command"))
+        // A command takes its time, and the network's thread has none. The receiver is gone only when the command ends.
+        .callback(move |query| drop(ask.send(query)))
+        .wait()
+        .map_err(|e| broken("answering for commands", &e))?;
+
+    let over = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        let until = &over;
+        scope.spawn(move || obey(settings, &asked, until, say));
+        let sender = Sender::new(settings, &session, setups);
+        let outcome = sender.and_then(|mut sender| sender.follow(subscriber, announcements, end));
+        over.store(true, Ordering::Relaxed);
+        outcome
+    })?;
+    session.close().wait().map_err(|e| broken("closing", &e))
+}
+
+/// What is sent by itself.
+struct Sender<'s> {
+    settings: &'s Settings,
+    samples: Publisher<'s>,
+    /// The same way for a run's last sample, which must not be dropped: without it nobody over there knows that the run has ended.
+    last_samples: Publisher<'s>,
+    states: Publisher<'s>,
+    setups: Setups,
+    sent: u64,
+    missed: u64,
+}
+
+impl<'s> Sender<'s> {
+    fn new(settings: &'s Settings, session: &'s Session, setups: Setups) -> Result<Self, Failure> {
+        let publisher = |part: &str, congestion, priority| {
+            let publisher = session.declare_publisher(key(&settings.instance, part));
+            let publisher = publisher.congestion_control(congestion).priority(priority).express(true).wait();
+            publisher.map_err(|e| broken("publishing", &e))
+        };
+        Ok(Sender {
+            settings,
+            samples: publisher("sample", CongestionControl::Drop, Priority::Data)?,
+            last_samples: publisher("sample", CongestionControl::Block, Priority::Data)?,
+            // Before the samples: a full network is not taken for a dead one.
+            states: publisher("state", CongestionControl::Drop, Priority::InteractiveHigh)?,
+            setups,
+            sent: 0,
+            missed: 0,
+        })
+    }
+
+    fn follow(
+        &mut self,
+        mut subscriber: SampleSubscriber,
+        mut announcements: Announcements,
+        end: &AtomicBool,
+    ) -> Result<(), Failure> {
+        let link = |e: LinkError| Failure::of(Kind::Device, &e);
+        let mut samples = Vec::new();
+        let mut signed: Option<Instant> = None;
+        while !end.load(Ordering::Relaxed) {
+            samples.clear();
+            if subscriber.receive(TOGETHER, &mut samples).map_err(link)? > 0 {
+                // What comes within the next moments travels along.
+                std::thread::sleep(TOGETHER);
+                while subscriber.drain(&mut samples).map_err(link)? > 0 {}
+            }
+            if let Some((run, bytes)) = announcements.newest().map_err(link)? {
+                self.remember(run, bytes);
+            }
+            while let Some(certificate) = subscriber.take_certificate() {
+                self.missed += certificate.expected.saturating_sub(certificate.received);
+            }
+            for together in samples.chunks(MOST_TOGETHER) {
+                self.send(together)?;
+            }
+            if signed.is_none_or(|at| at.elapsed() >= SIGN) {
+                signed = Some(Instant::now());
+                self.sign()?;
+            }
+        }
+        Ok(())
+    }
+
+    fn remember(&self, run: u32, bytes: &[u8]) {
+        let mut setups = self.setups.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        if setups.get(&run).is_none_or(|kept| kept != bytes) {
+            // A service that was started again numbers its runs anew: what follows is not what was there.
+            setups.retain(|kept, _| *kept < run);
+            while setups.len() >= SETUPS_KEPT {
+                setups.pop_first();
+            }
+            setups.insert(run, bytes.to_owned());
+        }
+    }
+
+    /// Hands samples to the network, or drops them where it has no room.
+    fn send(&mut self, together: &[Sample]) -> Result<(), Failure> {
+        let mut bytes = Vec::new();
+        together.iter().for_each(|sample| carry(sample, &mut bytes));
+        let last = together.iter().any(Sample::last);
+        let publisher = if last { &self.last_samples } else { &self.samples };
+        self.sent += together.len() as u64;
+        publisher.put(bytes).wait().map_err(|e| broken("sending samples", &e))
+    }
+
+    fn sign(&self) -> Result<(), Failure> {
+        let state = State { version: VERSION, control: self.settings.control, sent: self.sent, missed: self.missed };
+        let text = serde_json::to_vec(&state).map_err(|e| Failure::of(Kind::Internal, &e))?;
+        self.states.put(text).wait().map_err(|e| broken("sending a sign of life", &e))
+    }
+}
+
+/// Answers with what the run is that is asked for; says nothing of one that it does not know.
+fn answer_setup(query: &Query, setups: &Setups) {
+    let Some(run) = query.parameters().get("run").and_then(|run| run.parse::<u32>().ok()) else { return };
+    let setup = setups.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).get(&run).cloned();
+    if let Some(setup) = setup
+        && let Err(error) = query.reply(query.key_expr().clone(), setup).wait()
+    {
+        tracing::warn!(%error, "answer to a query for a setup");
+    }
+}
+
+/// Answers commands, one after the other, until it is over.
+fn obey(settings: &Settings, asked: &Receiver<Query>, over: &AtomicBool, say: &(dyn Fn(&str) + Sync)) {
+    while !over.load(Ordering::Relaxed) {
+        let query = match asked.recv_timeout(Duration::from_millis(50)) {
+            Ok(query) => query,
+            Err(RecvTimeoutError::Timeout) => continue,
+            Err(RecvTimeoutError::Disconnected) => return,
+        };
+        let payload = query.payload().map(|payload| payload.to_bytes().into_owned()).unwrap_or_default();
+        let replied = match Asked::parse(&payload) {
+            Ok(command) => {
+                let answer = decide(settings, command, say);
+                let text = serde_json::to_vec(&Said::from(&answer)).unwrap_or_default();
+                query.reply(query.key_expr().clone(), text).wait()
+            }
+            Err(wrong) => query.reply_err(wrong).wait(),
+        };
+        if let Err(error) = replied {
+            tracing::warn!(%error, "answer to a command");
+        }
+    }
+}
+
+/// Passes a command on to the run. To look is always allowed.
+fn decide(settings: &Settings, command: RunCommand, say: &(dyn Fn(&str) + Sync)) -> Answer {
+    let refused = |refusal| Answer { taken: Err(refusal), open: None, text: String::new() };
+    let words = match command {
+        RunCommand::Look => None,
+        RunCommand::Stop => Some("stop"),
+        RunCommand::EmergencyStop => Some("emergency stop"),
+        RunCommand::Confirm(_) => Some("confirmation"),
+    };
+    if let (Some(words), false) = (words, settings.control) {
+        say(&format!("refused: {words} from the other end; the link is read-only, --control lets commands in"));
+        return refused(Refusal::ReadOnly);
+    }
+    let outcome = send_command(&settings.instance, command, PATIENCE);
+    if let Some(words) = words {
+        let became = match &outcome {
+            Ok(Answer { taken: Ok(_), .. }) => "taken".to_owned(),
+            Ok(Answer { taken: Err(refusal), .. }) => format!("not taken: {refusal}"),
+            Err(error) => format!("not taken: {error}"),
+        };
+        say(&format!("{words} from the other end: {became}"));
+    }
+    outcome.unwrap_or_else(|_| refused(Refusal::NoAnswer))
+}
