@@ -65,7 +65,7 @@ fn commands_need_the_token_and_other_sites_get_nothing() {
     let (status, _) = service.post("/arm", &format!("{{\"for_s\": {}}}", " ".repeat(20_000)));
     assert_eq!(status, 413);
     assert_eq!(service.get("/arm").0, 405);
-    let file = service.dir.path().join("rec-bench").join(format!("{}.token", service.instance));
+    let file = service.path().join("rec-bench").join(format!("{}.token", service.instance));
     assert_eq!(std::fs::read_to_string(file).expect("it is there").trim(), token);
 }
 

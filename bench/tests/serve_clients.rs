@@ -86,7 +86,7 @@ fn what_the_service_misses_shows_while_the_recording_is_whole() {
 fn a_run_of_another_process_is_shown_and_can_be_stopped() {
     let service = Service::start(&["--control"]);
     let mut live = service.live();
-    let file = |name: &str| service.dir.path().join(name).display().to_string();
+    let file = |name: &str| service.path().join(name).display().to_string();
     let (profile, out) = (file("profiles/long.toml"), file("elsewhere.mcap"));
     let run = |out: &str| {
         bench(&["run", &profile, "--realtime", "--instance", &service.instance, "--out", out])

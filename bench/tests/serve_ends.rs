@@ -33,6 +33,11 @@ fn a_killed_service_leaves_a_stopped_run() {
     service.signal(libc::SIGKILL);
     assert_eq!(service.ended().code(), None);
     assert_stopped(&service);
+    // What the killed one left in shared memory keeps nobody from starting again, idle.
+    let again = service.again(&["--control"]);
+    assert_eq!(again.state()["service"]["state"], "idle");
+    again.run("short");
+    wait_for("a run after it", || (again.state()["last"]["outcome"] == "completed").then_some(()));
 }
 
 #[test]
@@ -43,7 +48,7 @@ fn a_service_that_is_told_to_end_stops_its_run_first() {
     // It waited: there is nothing left to wait for.
     assert_eq!(std::fs::read_dir(service.data()).expect("a folder").count(), 1, "one closed recording");
     assert_stopped(&service);
-    let file = service.dir.path().join("rec-bench").join(format!("{}.token", service.instance));
+    let file = service.path().join("rec-bench").join(format!("{}.token", service.instance));
     assert!(!file.exists(), "the token went with the service");
 }
 

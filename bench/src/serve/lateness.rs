@@ -80,10 +80,10 @@ mod tests {
         }
         let timing = lateness.timing(4, 2);
         assert_eq!(timing.counts.len(), timing.bounds_us.len() + 1);
-        let at = |bound: f64| timing.bounds_us.iter().position(|&b| b == bound).expect("a bound");
-        assert_eq!((timing.counts[0], timing.counts[1]), (2, 1), "a bound belongs to what is above it");
-        assert_eq!((timing.counts[at(70.0)], timing.counts[at(100.0)]), (1, 0));
-        assert_eq!((timing.counts[at(70.0) + 1], timing.counts[at(100.0) + 1]), (1, 1));
+        // 52 us lie below the bound of 70, 99.999 us below that of 100.
+        let below = |bound: f64| timing.counts[timing.bounds_us.iter().position(|&b| b == bound).expect("a bound")];
+        assert_eq!([50.0, 70.0, 100.0, 150.0].map(below), [0, 1, 1, 1]);
+        assert_eq!(timing.counts.last(), Some(&1), "beyond the last bound");
         assert_eq!(timing.counts.iter().sum::<u64>(), 7);
         assert!((timing.p50_us - 52.0).abs() < 0.1 && timing.max_us >= 9.9e6, "{timing:?}");
         assert!(timing.bounds_us.windows(2).all(|pair| pair[0] < pair[1]));

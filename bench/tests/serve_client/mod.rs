@@ -58,7 +58,7 @@ pub struct Service {
     pub instance: String,
     pub address: String,
     pub token: Option<String>,
-    pub dir: tempfile::TempDir,
+    dir: Option<tempfile::TempDir>,
 }
 
 impl Service {
@@ -78,15 +78,30 @@ impl Service {
         put("short", script("short", "", &[(0.0, 0.5), (6.0, 0.5), (-17.5, 0.02), (-6.0, 0.48), (0.0, 0.5)]));
         put("long", script("long", "", &[(0.0, 0.2), (3.0, 0.3), (1.0, 60.0)]));
         put("beyond", script("beyond", "[envelope]\nvoltage_max_v = 2.0\n", &[(0.0, 0.3), (3.0, 5.0)]));
-        let instance = instance();
-        let data = dir.path().join("data");
+        Service::in_folder(dir, instance(), options, prepare)
+    }
+
+    /// Another one after this one has ended, in the same folder and on the same instance.
+    pub fn again(self, options: &[&str]) -> Service {
+        let instance = self.instance.clone();
+        let dir = self.leave();
+        Service::in_folder(dir, instance, options, |_| {})
+    }
+
+    fn in_folder(
+        dir: tempfile::TempDir,
+        instance: String,
+        options: &[&str],
+        prepare: impl FnOnce(&mut Command),
+    ) -> Service {
+        let (profiles, data) = (dir.path().join("profiles"), dir.path().join("data"));
         let mut command = bench(&["serve", "--listen", "127.0.0.1:0", "--instance", &instance]);
         command.arg("--profiles").arg(&profiles).arg("--data").arg(&data).args(options);
         command.env("XDG_RUNTIME_DIR", dir.path()).env_remove("RUNTIME_DIRECTORY");
         prepare(&mut command);
         let mut child = command.stdout(Stdio::piped()).spawn().expect("the program starts");
         let mut lines = BufReader::new(child.stdout.take().expect("piped")).lines();
-        let mut service = Service { child, instance, address: String::new(), token: None, dir };
+        let mut service = Service { child, instance, address: String::new(), token: None, dir: Some(dir) };
         loop {
             let line = lines.next().expect("it ended by itself").expect("text");
             if let Some(address) = line.strip_prefix("listening on http://") {
@@ -102,8 +117,17 @@ impl Service {
         service
     }
 
+    /// Its folder.
+    pub fn path(&self) -> &Path {
+        self.dir.as_ref().expect("it is there until the service leaves").path()
+    }
+
+    fn leave(mut self) -> tempfile::TempDir {
+        self.dir.take().expect("it is there until the service leaves")
+    }
+
     pub fn data(&self) -> PathBuf {
-        self.dir.path().join("data")
+        self.path().join("data")
     }
 
     pub fn url(&self, path: &str) -> String {
