@@ -44,7 +44,7 @@ fn an_open_verdict_is_settled_by_the_run_that_was_designed_for_it() {
         (&"attributed".into(), &"line_inertance".into()),
         "{said}"
     );
-    let inertance = last["effects"][0]["parameters"]["I"].as_f64().unwrap();
+    let inertance = last["effects"][0]["parameters"]["I"]["value"].as_f64().unwrap();
     assert!((inertance / 0.006 - 1.0).abs() < 0.2, "{inertance}");
 
     let extended = fs::read_to_string(out.join("auto/campaign/campaign.toml")).unwrap();
