@@ -49,14 +49,17 @@ fn rehearse(dir: &Path) {
     assert_eq!(code, 0, "{said}");
     let (samples, certificate) = read(&dir.join("rehearsal.mcap"));
     assert!(certificate.is_lossless(), "{certificate}");
-    // With the bypass open the lever stays; then it moves to positive angles first.
-    let angle = |from_s: f64, to_s: f64| {
+    // With the bypass open the lever hardly moves; then it goes to positive angles first, and comes back.
+    let mean = |from_s: f64, to_s: f64| {
         let within = samples.values().filter(|s| (from_s..to_s).contains(&s.time_s()) && !s.angle_deg.is_nan());
-        within.fold((0.0_f64, 0.0_f64), |(low, high), s| (low.min(s.angle_deg), high.max(s.angle_deg)))
+        let (count, sum) = within.fold((0.0, 0.0), |(count, sum), s| (count + 1.0, sum + s.angle_deg));
+        sum / count
     };
-    let (resting, moving) = (angle(1.0, 2.0), angle(3.0, 4.2));
-    assert!(resting.0 > -0.1 && resting.1 < 0.1, "{resting:?}");
-    assert!(moving.1 > 0.1 && moving.0 > -0.1, "{moving:?}");
+    let (before, bypassed) = (mean(0.0, 1.0), mean(2.5, 3.0));
+    let (there, back) = (mean(3.8, 4.2), mean(5.1, 5.5));
+    let told = format!("at rest {before}, with the bypass open {bypassed}, pushed {there}, pulled {back}");
+    assert!((bypassed - before).abs() < 0.2, "{told}");
+    assert!(there - bypassed > 0.25 && there - back > 0.25, "{told}");
     emulator.interrupt();
     assert_eq!(emulator.end().0, 0);
 }
