@@ -12,33 +12,21 @@ use std::collections::VecDeque;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-use iceoryx2::active_request::ActiveRequest;
-use iceoryx2::port::client::Client;
-use iceoryx2::port::listener::{Listener, ListenerWaitError};
-use iceoryx2::port::notifier::Notifier;
-use iceoryx2::port::server::Server;
 use iceoryx2::prelude::*;
-use iceoryx2::service::port_factory::{event, request_response};
 
 use crate::confirmation::{Amount, Confirmation, Refusal, Waiting};
-use crate::link::{Ipc, LinkError, patiently, quieten, validate_instance};
+use crate::exchange::{Answering, Asking, Kind, LOOK, NONE, packed, unpacked};
+use crate::link::LinkError;
 use crate::traits::Switches;
 
 /// Version of the messages; the other end answers nothing else.
 const VERSION: u32 = 1;
-/// Programs that may command one instance at a time.
-const MAX_CLIENTS: usize = 8;
-/// A server that ends and one that begins may meet.
-const MAX_SERVERS: usize = 2;
-const MAX_NODES: usize = 16;
 /// Bytes of an answer's text.
 const TEXT_BYTES: usize = 240;
 /// The loop judges a confirmation within a tick; one that is held up for longer than this has no answer.
 const VERDICT_PATIENCE: Duration = Duration::from_secs(2);
-/// Between two looks after a verdict, or an answer.
-const LOOK: Duration = Duration::from_millis(1);
-/// For "none" where a number stands.
-const NONE: u64 = u64::MAX;
+/// One run's end may still be open when the next one begins.
+const KIND: Kind = Kind { part: "command", nobody: |instance| LinkError::Nobody { instance }, shared: true };
 
 /// What another process asks of a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -94,9 +82,7 @@ struct Reply {
 /// A command of another version.
 const UNKNOWN: u32 = 255;
 
-type CommandService = request_response::PortFactory<Ipc, Message, (), Reply, ()>;
-type WakeService = event::PortFactory<Ipc>;
-type Asked = ActiveRequest<Ipc, Message, (), Reply, ()>;
+type Asked = crate::exchange::Asked<Message, Reply>;
 
 impl From<RunCommand> for Message {
     fn from(command: RunCommand) -> Message {
@@ -144,17 +130,15 @@ impl Reply {
                 (1 + Refusal::ALL.iter().position(|&other| other == refusal).unwrap_or(0) as u32, None)
             }
         };
-        let fits = (0..=text.len().min(TEXT_BYTES)).rev().find(|&end| text.is_char_boundary(end)).unwrap_or(0);
-        let mut bytes = [0; TEXT_BYTES];
-        bytes[..fits].copy_from_slice(&text.as_bytes()[..fits]);
+        let (text, text_len) = packed(text);
         Reply {
             version: VERSION,
             outcome,
             tick: tick.unwrap_or(NONE),
             request: open.map_or(NONE, |open| u64::from(open.request)),
             has_amount: u32::from(open.is_some_and(|open| open.amount.is_some())),
-            text_len: fits as u32,
-            text: bytes,
+            text_len,
+            text,
         }
     }
 
@@ -168,46 +152,18 @@ impl Reply {
         };
         let open = u32::try_from(self.request).ok();
         let amount = (self.has_amount != 0).then_some(Amount::VolumeMl);
-        let text = self.text.get(..self.text_len as usize)?;
-        Some(Answer {
-            taken,
-            open: open.map(|request| Waiting { request, amount }),
-            text: String::from_utf8_lossy(text).into_owned(),
-        })
+        let text = unpacked(&self.text, self.text_len)?;
+        Some(Answer { taken, open: open.map(|request| Waiting { request, amount }), text })
     }
-}
-
-fn failed(instance: &str, what: &'static str, cause: &dyn std::fmt::Display) -> LinkError {
-    LinkError::Open { instance: instance.to_owned(), what, cause: cause.to_string() }
-}
-
-fn node(instance: &str) -> Result<(Node<Ipc>, ServiceName, ServiceName), LinkError> {
-    validate_instance(instance)?;
-    quieten();
-    let node = NodeBuilder::new().signal_handling_mode(SignalHandlingMode::Disabled).create::<Ipc>();
-    let node = node.map_err(|e| failed(instance, "create a node", &e))?;
-    // What a killed service left behind would take a command without anybody hearing it.
-    node.try_cleanup_dead_nodes();
-    let name = |part: &str| {
-        let name = ServiceName::new(&format!("rec-bench/{instance}/{part}"));
-        name.map_err(|e| failed(instance, "name a service", &e))
-    };
-    let (command, wake) = (name("command")?, name("command-wake")?);
-    Ok((node, command, wake))
 }
 
 /// The run's end. Belongs to the thread that opened it, which is not the loop's.
 #[derive(Debug)]
 pub struct CommandServer {
-    server: Server<Ipc, Message, (), Reply, ()>,
-    listener: Listener<Ipc>,
+    requests: Answering<Message, Reply>,
     /// Confirmations in their order; the first one is with the loop since then, once it could be offered.
     confirming: VecDeque<(Asked, Confirmation)>,
     offered: Option<Instant>,
-    _command: CommandService,
-    _wake: WakeService,
-    _node: Node<Ipc>,
-    instance: String,
 }
 
 impl CommandServer {
@@ -216,43 +172,7 @@ impl CommandServer {
     /// # Errors
     /// A name that is none, no shared memory.
     pub fn open(instance: &str) -> Result<Self, LinkError> {
-        let (node, command_name, wake_name) = node(instance)?;
-        let command = patiently(|| {
-            node.service_builder(&command_name)
-                .request_response::<Message, Reply>()
-                .enable_safe_overflow_for_requests(false)
-                .enable_safe_overflow_for_responses(false)
-                .max_active_requests_per_client(2)
-                .max_response_buffer_size(2)
-                .max_clients(MAX_CLIENTS)
-                .max_servers(MAX_SERVERS)
-                .max_nodes(MAX_NODES)
-                .open_or_create()
-        })
-        .map_err(|e| failed(instance, "open the command service", &e))?;
-        let wake = patiently(|| {
-            node.service_builder(&wake_name)
-                .event()
-                .max_notifiers(MAX_CLIENTS)
-                .max_listeners(MAX_SERVERS)
-                .max_nodes(MAX_NODES)
-                .open_or_create()
-        })
-        .map_err(|e| failed(instance, "open the command's wake service", &e))?;
-        let listener = wake.listener_builder().create();
-        let listener = listener.map_err(|e| failed(instance, "create the command's listener", &e))?;
-        let server = command.server_builder().backpressure_strategy(BackpressureStrategy::DiscardData).create();
-        let server = server.map_err(|e| failed(instance, "create the command server", &e))?;
-        Ok(CommandServer {
-            server,
-            listener,
-            confirming: VecDeque::new(),
-            offered: None,
-            _command: command,
-            _wake: wake,
-            _node: node,
-            instance: instance.to_owned(),
-        })
+        Ok(CommandServer { requests: Answering::open(instance, KIND)?, confirming: VecDeque::new(), offered: None })
     }
 
     /// Waits up to `timeout` for commands and does what they say with the switches. `text` says in words what the run asks for now.
@@ -265,8 +185,8 @@ impl CommandServer {
         switches: &Switches,
         text: &dyn Fn() -> String,
     ) -> Result<(), LinkError> {
-        self.wait(if self.confirming.is_empty() { timeout } else { LOOK })?;
-        while let Some(asked) = self.receive()? {
+        self.requests.wait(if self.confirming.is_empty() { timeout } else { LOOK })?;
+        while let Some(asked) = self.requests.receive()? {
             let taken = match asked.payload().command() {
                 None => None,
                 Some(RunCommand::Look) => Some(Ok(None)),
@@ -299,8 +219,8 @@ impl CommandServer {
         timeout: Duration,
         decide: &mut dyn FnMut(RunCommand) -> Answer,
     ) -> Result<(), LinkError> {
-        self.wait(timeout)?;
-        while let Some(asked) = self.receive()? {
+        self.requests.wait(timeout)?;
+        while let Some(asked) = self.requests.receive()? {
             let reply = match asked.payload().command() {
                 None => Reply::new(None, None, ""),
                 Some(command) => {
@@ -312,21 +232,6 @@ impl CommandServer {
             let _ = asked.send_copy(reply);
         }
         Ok(())
-    }
-
-    fn wait(&self, timeout: Duration) -> Result<(), LinkError> {
-        match self.listener.timed_wait(|_| (), timeout) {
-            Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
-            Err(error) => Err(self.broken("waiting for a command", error.to_string())),
-        }
-    }
-
-    fn receive(&self) -> Result<Option<Asked>, LinkError> {
-        self.server.receive().map_err(|e| self.broken("taking a command", e.to_string()))
-    }
-
-    fn broken(&self, what: &'static str, cause: String) -> LinkError {
-        LinkError::Transport { instance: self.instance.clone(), what, cause }
     }
 
     /// Goes on with the confirmations, without waiting for the loop.
@@ -360,14 +265,7 @@ fn answer(asked: &Asked, taken: Option<Result<Option<u64>, Refusal>>, switches: 
 
 /// An open way to the run of one instance: nothing but the command itself is left to do. Belongs to the thread that opened it.
 #[derive(Debug)]
-pub struct CommandClient {
-    client: Client<Ipc, Message, (), Reply, ()>,
-    notifier: Notifier<Ipc>,
-    service: CommandService,
-    _wake: WakeService,
-    _node: Node<Ipc>,
-    instance: String,
-}
+pub struct CommandClient(Asking<Message, Reply>);
 
 impl CommandClient {
     /// Opens the way.
@@ -375,28 +273,12 @@ impl CommandClient {
     /// # Errors
     /// No service of this name listens.
     pub fn open(instance: &str) -> Result<Self, LinkError> {
-        let (node, command_name, wake_name) = node(instance)?;
-        let nobody = || LinkError::Nobody { instance: instance.to_owned() };
-        let command =
-            node.service_builder(&command_name).request_response::<Message, Reply>().open().map_err(|_| nobody())?;
-        let wake = node.service_builder(&wake_name).event().open().map_err(|_| nobody())?;
-        let client = command.client_builder().backpressure_strategy(BackpressureStrategy::DiscardData).create();
-        let client = client.map_err(|e| failed(instance, "create the command's client", &e))?;
-        let notifier = wake.notifier_builder().create();
-        let notifier = notifier.map_err(|e| failed(instance, "create the command's notifier", &e))?;
-        Ok(CommandClient {
-            client,
-            notifier,
-            service: command,
-            _wake: wake,
-            _node: node,
-            instance: instance.to_owned(),
-        })
+        Asking::open(instance, KIND).map(CommandClient)
     }
 
     /// Whether somebody listens at the other end.
     pub fn is_heard(&self) -> bool {
-        self.service.dynamic_config().number_of_servers() > 0
+        self.0.is_heard()
     }
 
     /// Sends a command and waits for its answer, up to `patience`.
@@ -404,27 +286,7 @@ impl CommandClient {
     /// # Errors
     /// Nobody listens any more, or does not answer in time.
     pub fn send(&self, command: RunCommand, patience: Duration) -> Result<Answer, LinkError> {
-        let instance = &self.instance;
-        let pending = self.client.send_copy(command.into()).map_err(|e| failed(instance, "send the command", &e))?;
-        if pending.number_of_server_connections() == 0 {
-            return Err(LinkError::Nobody { instance: instance.clone() });
-        }
-        // A server that is not woken looks by itself, a little later.
-        let _ = self.notifier.notify();
-        let begun = Instant::now();
-        loop {
-            let reply = pending.receive().map_err(|e| failed(instance, "take the answer", &e))?;
-            if let Some(reply) = reply {
-                let other = || failed(instance, "use the answer", &"it is of another version");
-                return reply.payload().answer().ok_or_else(other);
-            }
-            let waited = begun.elapsed();
-            if waited >= patience {
-                let what = format!("the answer of instance {instance:?}");
-                return Err(LinkError::Timeout { what, waited_s: waited.as_secs_f64() });
-            }
-            std::thread::sleep(LOOK);
-        }
+        self.0.send(command.into(), patience, Reply::answer)
     }
 }
 

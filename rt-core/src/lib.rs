@@ -27,6 +27,7 @@ pub mod clock;
 pub mod command_channel;
 pub mod confirmation;
 pub mod cycle;
+mod exchange;
 pub mod fault;
 pub mod flight;
 mod flow;

@@ -8,32 +8,21 @@
 //!
 //! Messages have a fixed size and a version. The rights of the shared memory are those of the user: there is no token.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use iceoryx2::active_request::ActiveRequest;
-use iceoryx2::port::listener::{Listener, ListenerWaitError};
-use iceoryx2::port::server::Server;
 use iceoryx2::prelude::*;
-use iceoryx2::service::port_factory::{event, request_response};
 
-use crate::link::{Ipc, LinkError, patiently};
-use crate::presence::{failed, participant};
+use crate::exchange::{Answering, Asking, Kind, NONE, packed, unpacked};
+use crate::link::LinkError;
 
 /// Version of the messages; the other end answers nothing else.
 const VERSION: u32 = 1;
-/// Programs that may command one service at a time.
-const MAX_CLIENTS: usize = 8;
-/// A server that ends and one that begins may meet.
-const MAX_SERVERS: usize = 2;
-const MAX_NODES: usize = 16;
 /// Bytes of a profile's name.
 const NAME_BYTES: usize = 120;
 /// Bytes of an answer's text.
 const TEXT_BYTES: usize = 480;
-/// Between two looks after an answer.
-const LOOK: Duration = Duration::from_millis(1);
-/// For "none" where a number stands.
-const NONE: u64 = u64::MAX;
+/// Two services on one instance would start two runs at a time.
+const KIND: Kind = Kind { part: "service", nobody: |instance| LinkError::NoService { instance }, shared: false };
 
 /// How the service stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -150,22 +139,6 @@ struct Reply {
 /// A command of another version.
 const UNKNOWN: u32 = 255;
 
-type Commands = request_response::PortFactory<Ipc, Message, (), Reply, ()>;
-type Wakes = event::PortFactory<Ipc>;
-type Asked = ActiveRequest<Ipc, Message, (), Reply, ()>;
-
-/// As much of the text as there is room for, to whole characters.
-fn fixed<const ROOM: usize>(text: &str) -> ([u8; ROOM], u32) {
-    let fits = (0..=text.len().min(ROOM)).rev().find(|&end| text.is_char_boundary(end)).unwrap_or(0);
-    let mut bytes = [0; ROOM];
-    bytes[..fits].copy_from_slice(&text.as_bytes()[..fits]);
-    (bytes, fits as u32)
-}
-
-fn loosened(bytes: &[u8], length: u32) -> Option<String> {
-    Some(String::from_utf8_lossy(bytes.get(..length as usize)?).into_owned())
-}
-
 impl From<&ServiceCommand> for Message {
     fn from(command: &ServiceCommand) -> Message {
         let (kind, number, for_s, name) = match command {
@@ -178,7 +151,7 @@ impl From<&ServiceCommand> for Message {
             ServiceCommand::EmergencyStop => (6, 0, 0.0, ""),
             ServiceCommand::Acknowledge => (7, 0, 0.0, ""),
         };
-        let (name, name_len) = fixed(name);
+        let (name, name_len) = packed(name);
         Message { version: VERSION, kind, number, for_s, name_len, reserved: 0, name }
     }
 }
@@ -192,7 +165,7 @@ impl Message {
             0 => ServiceCommand::State,
             1 => ServiceCommand::Arm { for_s: self.for_s },
             2 => ServiceCommand::Disarm,
-            3 => ServiceCommand::Queue { profile: loosened(&self.name, self.name_len)?, seed: self.number },
+            3 => ServiceCommand::Queue { profile: unpacked(&self.name, self.name_len)?, seed: self.number },
             4 => ServiceCommand::Unqueue { id: self.number },
             5 => ServiceCommand::Stop,
             6 => ServiceCommand::EmergencyStop,
@@ -204,7 +177,7 @@ impl Message {
 
 impl Reply {
     fn new(answer: &ServiceAnswer) -> Reply {
-        let (text, text_len) = fixed(&answer.text);
+        let (text, text_len) = packed(&answer.text);
         Reply {
             version: VERSION,
             outcome: u32::from(!answer.done),
@@ -249,21 +222,14 @@ impl Reply {
             armed_left_s: Some(self.armed_left_s).filter(|left_s| left_s.is_finite()),
             queued: self.queued,
             id: Some(self.id).filter(|&id| id != NONE),
-            text: loosened(&self.text, self.text_len)?,
+            text: unpacked(&self.text, self.text_len)?,
         })
     }
 }
 
 /// The service's end. Belongs to the thread that opened it.
 #[derive(Debug)]
-pub struct ServiceServer {
-    server: Server<Ipc, Message, (), Reply, ()>,
-    listener: Listener<Ipc>,
-    _commands: Commands,
-    _wakes: Wakes,
-    _node: Node<Ipc>,
-    instance: String,
-}
+pub struct ServiceServer(Answering<Message, Reply>);
 
 impl ServiceServer {
     /// Listens for commands to the service of `instance`.
@@ -271,48 +237,7 @@ impl ServiceServer {
     /// # Errors
     /// A name that is none, another service that serves it, no shared memory.
     pub fn open(instance: &str) -> Result<Self, LinkError> {
-        let (node, name) = participant(instance, "service")?;
-        let (wake_node, wake_name) = participant(instance, "service-wake")?;
-        drop(wake_node);
-        // What a killed service left behind would take a command without anybody hearing it.
-        node.try_cleanup_dead_nodes();
-        let commands = patiently(|| {
-            node.service_builder(&name)
-                .request_response::<Message, Reply>()
-                .enable_safe_overflow_for_requests(false)
-                .enable_safe_overflow_for_responses(false)
-                .max_active_requests_per_client(2)
-                .max_response_buffer_size(2)
-                .max_clients(MAX_CLIENTS)
-                .max_servers(MAX_SERVERS)
-                .max_nodes(MAX_NODES)
-                .open_or_create()
-        });
-        let commands = commands.map_err(|e| failed(instance, "open the service's channel", &e))?;
-        if commands.dynamic_config().number_of_servers() > 0 {
-            return Err(LinkError::InUse { instance: instance.to_owned() });
-        }
-        let wakes = patiently(|| {
-            node.service_builder(&wake_name)
-                .event()
-                .max_notifiers(MAX_CLIENTS)
-                .max_listeners(MAX_SERVERS)
-                .max_nodes(MAX_NODES)
-                .open_or_create()
-        });
-        let wakes = wakes.map_err(|e| failed(instance, "open the wake-up of the service's channel", &e))?;
-        let listener = wakes.listener_builder().create();
-        let listener = listener.map_err(|e| failed(instance, "create the listener of the service's channel", &e))?;
-        let server = commands.server_builder().backpressure_strategy(BackpressureStrategy::DiscardData).create();
-        let server = server.map_err(|e| failed(instance, "create the server of the service's channel", &e))?;
-        Ok(ServiceServer {
-            server,
-            listener,
-            _commands: commands,
-            _wakes: wakes,
-            _node: node,
-            instance: instance.to_owned(),
-        })
+        Answering::open(instance, KIND).map(ServiceServer)
     }
 
     /// Waits up to `timeout` for commands, lets `handle` do them, and answers.
@@ -324,20 +249,13 @@ impl ServiceServer {
         timeout: Duration,
         mut handle: impl FnMut(ServiceCommand) -> ServiceAnswer,
     ) -> Result<(), LinkError> {
-        let broken =
-            |instance: &str, what, cause: String| LinkError::Transport { instance: instance.to_owned(), what, cause };
-        match self.listener.timed_wait(|_| (), timeout) {
-            Ok(_) | Err(ListenerWaitError::InterruptSignal) => {}
-            Err(error) => return Err(broken(&self.instance, "waiting for a command", error.to_string())),
-        }
-        loop {
-            let asked: Option<Asked> =
-                self.server.receive().map_err(|e| broken(&self.instance, "taking a command", e.to_string()))?;
-            let Some(asked) = asked else { return Ok(()) };
+        self.0.wait(timeout)?;
+        while let Some(asked) = self.0.receive()? {
             let reply = asked.payload().command().map_or_else(Reply::unknown, |command| Reply::new(&handle(command)));
             // A client that is gone needs no answer.
             let _ = asked.send_copy(reply);
         }
+        Ok(())
     }
 }
 
@@ -350,37 +268,7 @@ pub fn send_service_command(
     command: &ServiceCommand,
     patience: Duration,
 ) -> Result<ServiceAnswer, LinkError> {
-    let (node, name) = participant(instance, "service")?;
-    let (wake_node, wake_name) = participant(instance, "service-wake")?;
-    drop(wake_node);
-    node.try_cleanup_dead_nodes();
-    let nobody = || LinkError::NoService { instance: instance.to_owned() };
-    let commands = node.service_builder(&name).request_response::<Message, Reply>().open().map_err(|_| nobody())?;
-    let wakes = node.service_builder(&wake_name).event().open().map_err(|_| nobody())?;
-    let client = commands.client_builder().backpressure_strategy(BackpressureStrategy::DiscardData).create();
-    let client = client.map_err(|e| failed(instance, "create a client of the service's channel", &e))?;
-    let notifier = wakes.notifier_builder().create();
-    let notifier = notifier.map_err(|e| failed(instance, "create the notifier of the service's channel", &e))?;
-    let pending = client.send_copy(command.into()).map_err(|e| failed(instance, "send a command", &e))?;
-    if pending.number_of_server_connections() == 0 {
-        return Err(nobody());
-    }
-    // A server that is not woken looks by itself, a little later.
-    let _ = notifier.notify();
-    let begun = Instant::now();
-    loop {
-        let reply = pending.receive().map_err(|e| failed(instance, "take the answer", &e))?;
-        if let Some(reply) = reply {
-            let other = || failed(instance, "use the answer", &"it is of another version");
-            return reply.payload().answer().ok_or_else(other);
-        }
-        let waited = begun.elapsed();
-        if waited >= patience {
-            let what = format!("the answer of the service on instance {instance:?}");
-            return Err(LinkError::Timeout { what, waited_s: waited.as_secs_f64() });
-        }
-        std::thread::sleep(LOOK);
-    }
+    Asking::open(instance, KIND)?.send(Message::from(command), patience, Reply::answer)
 }
 
 #[cfg(test)]
