@@ -133,12 +133,12 @@ pub fn trial(seed: u64, case: usize, keep: Option<&Path>) -> Result<Case, Failur
     for attempt in 0..ATTEMPTS {
         let rig = draw(seed, case, attempt);
         match prepare(seed, &planned, &rig, attempt < STRICT) {
-            Ok((truth, recorded)) => {
+            Ok(sealed) => {
                 if let Some(dir) = keep {
-                    leave(dir, &recorded, &truth, case)?;
+                    leave(dir, &sealed.recorded, &sealed.truth, case)?;
                 }
                 let drawn = began.elapsed().as_secs_f64();
-                return Ok(diagnose_sealed(&planned, attempt, rig, &truth, recorded, drawn));
+                return Ok(diagnose_sealed(&planned, attempt, rig, &sealed, drawn));
             }
             Err(hitch) => hitches.push(hitch.to_string()),
         }
@@ -147,13 +147,21 @@ pub fn trial(seed: u64, case: usize, keep: Option<&Path>) -> Result<Case, Failur
     Err(Failure::new(failure::Kind::Internal, message))
 }
 
+/// A case before it is diagnosed.
+struct Sealed {
+    truth: Truth,
+    recorded: Recorded,
+    /// By effect: the model with all others, fitted; empty where the sizes were taken as they are.
+    without: Vec<Fit>,
+}
+
 /// The case's effects in their sizes, and its campaign. `strict`: an effect that misses its kind's range of strengths is a hitch.
-fn prepare(seed: u64, planned: &Planned, rig: &Rig, strict: bool) -> Result<(Truth, Recorded), Hitch> {
+fn prepare(seed: u64, planned: &Planned, rig: &Rig, strict: bool) -> Result<Sealed, Hitch> {
     let Planned { case, kind, ref effects } = *planned;
     let mut truth = Truth { parameters: rig.parameters, effects: Vec::new() };
     let mut recorded = record(&truth, rig, seed, case)?;
     if effects.is_empty() {
-        return Ok((truth, recorded));
+        return Ok(Sealed { truth, recorded, without: Vec::new() });
     }
     let mut rng = chance(seed, Stream::Sizes, u64::MAX - case as u64);
     let (low, high) = (*kind.strength().start(), *kind.strength().end());
@@ -169,9 +177,12 @@ fn prepare(seed: u64, planned: &Planned, rig: &Rig, strict: bool) -> Result<(Tru
         recorded = record(&truth, rig, seed, case)?;
         let yardstick = Yardstick::new(&recorded, f64::INFINITY)?;
         last.clear();
+        let mut without = Vec::new();
         let mut changed = false;
         for (number, wanted) in wanted.iter().enumerate() {
-            let shown = largest(&yardstick.errors(&yardstick.best_fit(&truth, |n| n != number)?)?);
+            let fit = yardstick.best_fit(&truth, |n| n != number)?;
+            let shown = largest(&yardstick.errors(&fit)?);
+            without.push(fit);
             last.push(shown);
             let (effect, values) = truth.effects[number].clone();
             let next = scaled(effect, &values, (wanted / shown).clamp(0.2, 5.0));
@@ -182,7 +193,7 @@ fn prepare(seed: u64, planned: &Planned, rig: &Rig, strict: bool) -> Result<(Tru
         }
         if !changed {
             return if !strict || last.iter().all(|shown| (low * TOLERANCE..=high / TOLERANCE).contains(shown)) {
-                Ok((truth, recorded))
+                Ok(Sealed { truth, recorded, without })
             } else {
                 Err(Hitch::Strength(last))
             };
@@ -192,7 +203,7 @@ fn prepare(seed: u64, planned: &Planned, rig: &Rig, strict: bool) -> Result<(Tru
         return Err(Hitch::Strength(last));
     }
     recorded = record(&truth, rig, seed, case)?;
-    Ok((truth, recorded))
+    Ok(Sealed { truth, recorded, without: Vec::new() })
 }
 
 /// Rigs on which the effects must have the strength of their kind; on a later one they are taken as they are, and the table says how
@@ -203,13 +214,13 @@ const CORRECTIONS: usize = 4;
 /// An effect whose sizes are at a bound may miss its kind's range of strengths by this factor.
 const TOLERANCE: f64 = 0.7;
 
-fn diagnose_sealed(planned: &Planned, attempt: u64, rig: Rig, truth: &Truth, recorded: Recorded, drawn: f64) -> Case {
+fn diagnose_sealed(planned: &Planned, attempt: u64, rig: Rig, sealed: &Sealed, drawn: f64) -> Case {
     let mut out = Case {
         case: planned.case,
         kind: planned.kind,
         attempt,
         rig,
-        rig_seconds: recorded.seconds,
+        rig_seconds: sealed.recorded.seconds,
         acting: Vec::new(),
         strength: f64::NAN,
         said: None,
@@ -218,17 +229,20 @@ fn diagnose_sealed(planned: &Planned, attempt: u64, rig: Rig, truth: &Truth, rec
         figures: Figures::default(),
         seconds: Seconds { record: drawn, ..Seconds::default() },
     };
-    if let Err(hitch) = fill(&mut out, truth, &recorded) {
+    if let Err(hitch) = fill(&mut out, sealed) {
         out.error = Some(hitch.to_string());
     }
     out
 }
 
-fn fill(out: &mut Case, truth: &Truth, recorded: &Recorded) -> Result<(), Hitch> {
+fn fill(out: &mut Case, Sealed { truth, recorded, without }: &Sealed) -> Result<(), Hitch> {
     let mut began = Instant::now();
     let mut lap = || std::mem::replace(&mut began, Instant::now()).elapsed().as_secs_f64();
     let yardstick = Yardstick::new(recorded, f64::INFINITY)?;
-    let base = yardstick.best_fit(truth, |_| false)?;
+    let base = match &without[..] {
+        [only] => only.clone(),
+        _ => yardstick.best_fit(truth, |_| false)?,
+    };
     let with = if truth.effects.is_empty() { base.clone() } else { yardstick.best_fit(truth, |_| true)? };
     let (of_base, of_truth) = (yardstick.errors(&base)?, yardstick.errors(&with)?);
     out.strength = largest(&of_base);
@@ -236,7 +250,8 @@ fn fill(out: &mut Case, truth: &Truth, recorded: &Recorded) -> Result<(), Hitch>
         let strength = if truth.effects.len() == 1 {
             out.strength
         } else {
-            largest(&yardstick.errors(&yardstick.best_fit(truth, |n| n != number)?)?)
+            let fit = without.get(number).cloned().map_or_else(|| yardstick.best_fit(truth, |n| n != number), Ok)?;
+            largest(&yardstick.errors(&fit)?)
         };
         out.acting.push(acting(*effect, values, strength));
     }
@@ -246,7 +261,7 @@ fn fill(out: &mut Case, truth: &Truth, recorded: &Recorded) -> Result<(), Hitch>
     // From here on until the judge nothing of the truth is used but which effects the library is said to lack.
     let way = std::sync::Mutex::new(Vec::new());
     let note = |text: &str| way.lock().map(|mut w| w.push(text.to_owned())).unwrap_or(());
-    let (identified, diagnosis) = sealed(out.kind, truth, &recorded.loaded, &note, &mut |seconds| {
+    let (identified, diagnosis) = diagnosed(out.kind, truth, &recorded.loaded, &note, &mut |seconds| {
         out.seconds.identify = seconds;
     })?;
     out.seconds.diagnose = lap() - out.seconds.identify;
@@ -279,7 +294,7 @@ fn fill(out: &mut Case, truth: &Truth, recorded: &Recorded) -> Result<(), Hitch>
 }
 
 /// The diagnosis of a sealed campaign.
-fn sealed(
+fn diagnosed(
     kind: Kind,
     truth: &Truth,
     loaded: &Loaded,
