@@ -99,7 +99,7 @@ const MATERIAL: f64 = 0.1;
 /// Structured residual (noise floors) that is certainly more than the sensors' own.
 const CLEAR: f64 = 0.7;
 /// What is left counts as noise up to this many noise floors: it makes a free run's error a tenth larger than the noise.
-const CONSISTENT: f64 = 0.45;
+pub(crate) const CONSISTENT: f64 = 0.45;
 /// A name whose form leaves more than [`CONSISTENT`] explains at least this share of the structured residual it was added for.
 const EXPLAINED: f64 = 0.85;
 /// Standard errors (by clusters) by which one model must be better than another to be preferred.

@@ -1,10 +1,11 @@
 //! The verdict, what was added, and the candidates.
 
-use crate::diagnose::{Diagnosis, Verdict};
+use crate::diagnose::{CONSISTENT, Diagnosis, Verdict};
 use crate::figure::Table;
 use crate::figures::text::{chance, interval, measured, number};
 use crate::figures::{Subject, section, summary};
 use crate::findings::{is_held, ranking};
+use crate::misfit;
 
 pub(super) fn headline(subject: &Subject) -> Vec<String> {
     let mut out = vec![match subject.diagnosis {
@@ -12,6 +13,7 @@ pub(super) fn headline(subject: &Subject) -> Vec<String> {
         Some(d) => verdict(d),
     }];
     out.extend(errors(subject));
+    out.extend(contradicted(subject));
     out.push(summary::parameters(subject));
     out.push(summary::checks(subject));
     out.extend(summary::torque_form(subject));
@@ -68,16 +70,43 @@ pub fn verdict(d: &Diagnosis) -> String {
 
 /// The validation error of each run in one line, as multiples of the noise floor.
 fn errors(subject: &Subject) -> Option<String> {
-    let ratios = |after: bool| {
-        let all = subject.validation.iter().flat_map(|r| r.compared());
-        let all = all.filter_map(move |c| Some((if after { c.after? } else { c.before }).rmse / c.noise_floor));
-        all.filter(|r| r.is_finite()).fold(None, |most: Option<f64>, r| Some(most.map_or(r, |m| m.max(r))))
-    };
-    let before = ratios(false)?;
+    let (before, _, _) = worst(subject, false)?;
     let largest = "Largest free-run error on the validation runs";
-    Some(match ratios(true).filter(|_| subject.after().is_some()) {
-        Some(after) => format!("{largest}: {} noise floors before, {} after.", number(before, 3), number(after, 3)),
+    Some(match worst(subject, true).filter(|_| subject.after().is_some()) {
+        Some((after, _, _)) => {
+            format!("{largest}: {} noise floors before, {} after.", number(before, 3), number(after, 3))
+        }
         None => format!("{largest}: {} noise floors.", number(before, 3)),
+    })
+}
+
+/// The largest free-run error in noise floors, with the run and channel it is in.
+fn worst(subject: &Subject, after: bool) -> Option<(f64, String, &'static str)> {
+    let all = subject.validation.iter().flat_map(|r| r.compared().into_iter().map(move |c| (r, c)));
+    let ratios = all.filter_map(|(run, c)| {
+        let score = if after { c.after? } else { c.before };
+        Some((score.rmse / c.noise_floor, run.prepared.file.clone(), score.channel.column()))
+    });
+    ratios.filter(|(r, ..)| r.is_finite()).max_by(|a, b| a.0.total_cmp(&b.0))
+}
+
+/// Free-run error from which a validation run contradicts a model that explains the runs it was fitted to, noise floors: what is
+/// left is then two thirds of the noise.
+const CONTRADICTS: f64 = 1.2;
+
+/// Where the runs that were fitted are explained and those that were not aren't. They decide nothing; that must be said.
+fn contradicted(subject: &Subject) -> Option<String> {
+    let diagnosis = subject.diagnosis?;
+    let named = matches!(diagnosis.verdict, Verdict::None | Verdict::Attributed);
+    let explained = named && misfit::largest(&diagnosis.parts_after) < CONSISTENT;
+    let (ratio, run, column) = worst(subject, subject.after().is_some())?;
+    (explained && ratio > CONTRADICTS).then(|| {
+        format!(
+            "The validation contradicts this: {column} of {run} is off by {} noise floors, while the runs that were fitted are \
+             explained. Runs with role validate decide nothing; a further run of that kind with role identify would let what \
+             is missing be found.",
+            number(ratio, 3)
+        )
     })
 }
 

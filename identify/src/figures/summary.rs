@@ -8,16 +8,24 @@ use crate::figures::text::number;
 use crate::figures::torque_form::Comparison;
 use crate::layout::FREE;
 
-/// How many parameters are known, and the least certain.
+/// How many parameters are known, which of them are hardly other than zero, and the least certain of the others.
 pub(super) fn parameters(subject: &Subject) -> String {
     let fit = &subject.identified.fit;
     let values = fit.layout.parameters(&fit.point.theta).to_vector();
-    let share = |p: usize| subject.uncertainty.of_parameter(p).map(|std| std / values[p].abs().max(1e-12));
-    let known: Vec<(f64, usize)> = FREE.iter().filter_map(|&p| Some((share(p)?, p))).collect();
-    let worst = known.iter().max_by(|a, b| a.0.total_cmp(&b.0));
-    let least = worst
-        .map_or(String::new(), |(s, p)| format!("; the least certain is {}, to {} %", NAMES[*p], number(100.0 * s, 2)));
-    format!("{} of {} base parameters are determined{least} (standard error).", known.len(), FREE.len())
+    let std = |p: usize| subject.uncertainty.of_parameter(p).map(|std| (std, p));
+    let known: Vec<(f64, usize)> = FREE.iter().filter_map(|&p| std(p)).collect();
+    let (clear, zero): (Vec<_>, Vec<_>) = known.iter().partition(|(std, p)| values[*p].abs() > 2.0 * std);
+    let share = |&(std, p): &(f64, usize)| (std / values[p].abs(), p);
+    let worst = clear.iter().map(share).max_by(|a, b| a.0.total_cmp(&b.0));
+    let least = worst.map_or(String::new(), |(s, p)| {
+        format!("; the least certain is {}, to {} % (standard error)", NAMES[p], number(100.0 * s, 2))
+    });
+    let zero: Vec<&str> = zero.iter().map(|(_, p)| NAMES[*p]).collect();
+    let not_told = match zero.len() {
+        0 => String::new(),
+        _ => format!("; not told from zero: {}", zero.join(", ")),
+    };
+    format!("{} of {} base parameters are determined{least}{not_told}.", known.len(), FREE.len())
 }
 
 /// How many checks hold, and those that fail.
