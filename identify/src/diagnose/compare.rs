@@ -17,10 +17,15 @@ use crate::score::Direction;
 
 /// Share of one effect's direction that another's hold from which on they look alike: an angle of less than 18 degrees.
 const ALIKE: f64 = 0.9;
-/// Most linearisations of a fit that is brought to its minimum. A gross effect needs many.
-const MOST_ITERATIONS: usize = 40;
-/// A rival explains at least this share of what the best candidate does.
+/// A fit that is brought to its minimum. A gross effect needs many linearisations.
+pub(super) fn to_the_end() -> Effort {
+    Effort { iterations: 40, tolerance: 1e-6, ..Effort::default() }
+}
+/// A rival explains at least this share of what the best candidate does,
 const RIVAL: f64 = 0.95;
+/// or at least this, if it stands no further behind than chance may put it (standard errors): of a weak effect chance explains a part.
+const HALF: f64 = 0.5;
+const CHANCE: f64 = 2.0;
 
 /// Refits each set of the shortlist; the lowest cost first.
 ///
@@ -93,7 +98,13 @@ const HEATS: [Heat; 4] = [
 /// Brings a fit of the brief runs to the whole ones. More must not come out as worse than the current model: besides the brief
 /// fit's own point, the current model's base and that of the component experiments lead with the effect's values, and
 /// the one that promises most is brought to its minimum.
-pub(super) fn on_the_whole(problem: &Problem, current: &Fit, component: &[f64], brief: &Fit) -> Option<Fit> {
+pub(super) fn on_the_whole(
+    problem: &Problem,
+    current: &Fit,
+    component: &[f64],
+    brief: &Fit,
+    to_the_end: Effort,
+) -> Option<Fit> {
     let added = &brief.point.theta[current.point.theta.len()..];
     let from_current = Point {
         theta: current.point.theta.iter().chain(added).copied().collect(),
@@ -111,7 +122,6 @@ pub(super) fn on_the_whole(problem: &Problem, current: &Fit, component: &[f64], 
         tried.sort_by(|a, b| a.cost.total_cmp(&b.cost));
     }
     let lead = tried.swap_remove(0);
-    let to_the_end = Effort { iterations: MOST_ITERATIONS, tolerance: 1e-6, ..Effort::default() };
     let fit = crate::fit::fit(problem, &lead.layout, lead.point, to_the_end).ok()?;
     tracing::debug!(cost = fit.cost, converged = fit.converged, current = current.cost, "on the whole runs");
     (fit.cost < current.cost).then_some(fit)
@@ -192,12 +202,13 @@ pub(super) fn rivals(problem: &Problem, refits: &[Refit], before: f64) -> Result
         if r.added.iter().any(|id| refits[0].added.contains(id)) {
             continue;
         }
-        if before - r.fit.cost < RIVAL * (before - refits[0].fit.cost) {
+        let share = (before - r.fit.cost) / (before - refits[0].fit.cost);
+        if share < HALF {
             continue;
         }
         let other = problem.residuals(&r.fit.layout, &r.fit.point)?;
         let (_, z) = advantage(&other, &best, &clusters, count);
-        if z < PREFERRED {
+        if z < if share < RIVAL { CHANCE } else { PREFERRED } {
             out.push(r.clone());
         }
     }
@@ -273,5 +284,13 @@ pub(super) fn empirical(
     }
     let Some((_, best)) = best else { return Ok(None) };
     let effort = Effort { iterations: 8, tolerance: 1e-4, ..Effort::default() };
-    Ok(crate::fit::fit(search.problem, &best.layout, best.point, effort).ok())
+    let led = on_the_whole(search.problem, &search.reference, search.component, &best, effort);
+    // no start leads below the reference model: from there on, with terms of no size
+    Ok(led.or_else(|| {
+        let mut point = search.reference.point.clone();
+        let shapes = best.layout.effects.iter().flat_map(|e| e.header().parameters);
+        let added = best.point.theta[point.theta.len()..].iter().zip(shapes);
+        point.theta.extend(added.map(|(v, p)| if p.size { 0.0 } else { *v }));
+        crate::fit::fit(search.problem, &best.layout, point, effort).ok()
+    }))
 }

@@ -4,7 +4,7 @@ use model::effects::Effect;
 use model::integrate::SimulationError;
 
 use super::compare::{
-    is_sound, look_alikes, nearer, nested_on, on_the_whole, rank, refit_all, rivals, where_they_differ,
+    is_sound, look_alikes, nearer, nested_on, on_the_whole, rank, refit_all, rivals, to_the_end, where_they_differ,
 };
 use super::holdout::HoldOut;
 use super::round::Round;
@@ -173,7 +173,9 @@ impl<'a> Search<'a> {
         if found.ranking.is_empty() {
             found.ranking = ranked.clone();
         }
-        let Some(fit) = on_the_whole(self.problem, &last.fit, self.component, &best.fit) else { return Ok(None) };
+        let Some(fit) = on_the_whole(self.problem, &last.fit, self.component, &best.fit, to_the_end()) else {
+            return Ok(None);
+        };
         let rivals = rivals(&self.brief, &refits, nested.cost)?;
         let next_experiment = match rivals.first() {
             Some(rival) => Some(where_they_differ(&self.brief, &best.fit, &rival.fit)?),
