@@ -5,7 +5,7 @@ use std::cell::RefCell;
 
 use model::effects::EffectSet;
 use model::integrate::{MOST_STATES, SimulationError};
-use model::port::{HydraulicPort, MechanicalPort, Port, PortKind, Rest};
+use model::port::{Arrival, HydraulicPort, MechanicalPort, Port, PortKind, Rest};
 use model::scalar::{LANES, Scalar, Tangent};
 
 use crate::layout::Layout;
@@ -47,8 +47,9 @@ pub trait Equations: Sync + 'static {
 
     /// The plant in its initial state, from which effects set their own states. By default a body at rest at position 0, free of
     /// force and pressure.
-    fn rest<S: Scalar>(&self, _at: &Instant<S>) -> Rest<S> {
+    fn rest<S: Scalar>(&self, _at: &Instant<S>) -> Rest<'static, S> {
         Rest {
+            arrival: Arrival::Free,
             angle_rad: S::zero(),
             pressure_bar: [S::constant(model::port::AMBIENT_BAR); 2],
             actuator_torque_nm: S::zero(),

@@ -49,7 +49,7 @@ impl<'a> Run<'a> {
         x[state::ANGLE] = shown[0];
         x[state::PRESSURE1] = shown[1];
         x[state::PRESSURE2] = shown[2];
-        rec::rest_states(&input, k, effects, &mut x);
+        rec::rest_states_after(&stretch.way_rad, &input, k, effects, &mut x);
         let mut shift_rad = 0.0;
         if effects.touches(PortKind::Sensor) {
             let seen = rec::shown(effects, stretch.time_s[0], &x, &mut scratch);
@@ -57,7 +57,7 @@ impl<'a> Run<'a> {
             x[state::ANGLE] -= shift_rad;
             x[state::PRESSURE1] -= seen[1] - shown[1];
             x[state::PRESSURE2] -= seen[2] - shown[2];
-            rec::rest_states(&input, k, effects, &mut x);
+            rec::rest_states_after(&stretch.way_rad, &input, k, effects, &mut x);
         }
         let longest = if stretch.stand == Stand::Free { STEP_FREE_S } else { STEP_LED_S };
         let integrator = Integrator::for_plant(longest, k, effects, &input, &x).resolving_creep();
@@ -264,7 +264,7 @@ fn start_sensitivity(stretch: &Stretch, run: &Run, seeds: &Seeds, s: &mut Sensit
         let mut x: Vec<Tangent> = run.x.iter().enumerate().map(|(i, v)| Tangent::variable(*v, i)).collect();
         if effects.touches(PortKind::Sensor) {
             // the effects' own states follow the plant at rest, so a slow sensor shifts nothing
-            rec::rest_states(&input, k, effects, &mut x);
+            rec::rest_states_after(&stretch.way_rad, &input, k, effects, &mut x);
             let mut scratch = vec![Tangent::zero(); states];
             let seen = rec::shown(effects, stretch.time_s[0], &x, &mut scratch);
             for c in 0..count {
@@ -279,7 +279,7 @@ fn start_sensitivity(stretch: &Stretch, run: &Run, seeds: &Seeds, s: &mut Sensit
             return;
         }
         let mut x: Vec<Tangent> = run.x.iter().enumerate().map(|(i, v)| Tangent::variable(*v, i)).collect();
-        rec::rest_states(&input, k, effects, &mut x);
+        rec::rest_states_after(&stretch.way_rad, &input, k, effects, &mut x);
         for i in STATES..states {
             for c in 0..count {
                 s.set(i, first + c, x[i].slope[states + c]);

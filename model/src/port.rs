@@ -138,8 +138,20 @@ impl<S> Port<'_, S> {
     }
 }
 
+/// How the lever came to stand where it does: what a wall that remembers its way starts from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Arrival<'a> {
+    /// It is free and stands still: friction holds the torque that is left.
+    Free,
+    /// It was led there and is held. Turning points of the way, rad, in their order, the last one where it stands; fewer than two: no way is
+    /// known.
+    Led(&'a [f64]),
+}
+
 /// The plant at rest, from which effects set their own states.
-pub struct Rest<S> {
+pub struct Rest<'a, S> {
+    /// How the lever came to its angle.
+    pub arrival: Arrival<'a>,
     /// Angle, rad.
     pub angle_rad: S,
     /// Chamber pressures, bar absolute.
@@ -154,7 +166,7 @@ pub struct Rest<S> {
     pub brake_open: bool,
 }
 
-impl<S: Scalar> Rest<S> {
+impl<S: Scalar> Rest<'_, S> {
     /// Gauge pressure of a chamber, bar.
     pub fn gauge_bar(&self, chamber: usize) -> S {
         self.pressure_bar[chamber] - AMBIENT_BAR

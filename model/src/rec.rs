@@ -9,7 +9,7 @@ use crate::near::{Curves, Exact};
 use crate::parameters::COUNT;
 use crate::parameters::index::*;
 use crate::port::{
-    AMBIENT_BAR, ActuatorPort, HydraulicPort, LinePort, MechanicalPort, Port, PortKind, Rest, SensorPort,
+    AMBIENT_BAR, ActuatorPort, Arrival, HydraulicPort, LinePort, MechanicalPort, Port, PortKind, Rest, SensorPort,
 };
 use crate::scalar::Scalar;
 
@@ -386,8 +386,13 @@ pub fn shown<S: Scalar>(effects: &EffectSet<S>, t: f64, x: &[S], scratch: &mut [
     [port.angle_deg, port.pressure_bar[0], port.pressure_bar[1]]
 }
 
-/// Fills the effects' states for the plant at rest in `x[..STATES]`.
+/// Fills the effects' states for the plant at rest in `x[..STATES]`. Of a lever that is led no way to its angle is known.
 pub fn rest_states<S: Scalar>(input: &Input, k: &[S], effects: &EffectSet<S>, x: &mut [S]) {
+    rest_states_after(&[], input, k, effects, x);
+}
+
+/// As [`rest_states`]. `way_rad`: turning points of the way on which a led lever came to its angle ([`Arrival::Led`]).
+pub fn rest_states_after<S: Scalar>(way_rad: &[f64], input: &Input, k: &[S], effects: &EffectSet<S>, x: &mut [S]) {
     let pressure = [x[state::PRESSURE1], x[state::PRESSURE2]];
     let angle = x[state::ANGLE];
     let actuator_torque_nm = torque(k, angle, pressure[0] - pressure[1]);
@@ -395,7 +400,12 @@ pub fn rest_states<S: Scalar>(input: &Input, k: &[S], effects: &EffectSet<S>, x:
     if input.vertical {
         torque_nm -= k[G] * angle.sin();
     }
+    let arrival = match input.lever {
+        Lever::Free => Arrival::Free,
+        Lever::Led { .. } => Arrival::Led(way_rad),
+    };
     let rest = Rest {
+        arrival,
         angle_rad: angle,
         pressure_bar: pressure,
         actuator_torque_nm,

@@ -2,7 +2,7 @@
 //! same leak in another way, and the diagnosis must name it all the same.
 
 use model::effects::{Balance, Effect, Header, Law, Parameter};
-use model::port::{AMBIENT_BAR, Port, PortKind, Rest};
+use model::port::{AMBIENT_BAR, Arrival, Port, PortKind, Rest};
 use model::scalar::Scalar;
 
 /// The id that each form stands for, and the form.
@@ -82,6 +82,20 @@ impl Law for BoucWen {
             let (w, z) = (m.velocity_rad_s, x[0]);
             dx[0] = (w - w.abs() * z.abs() * z * 0.7 - w * z * z * 0.3) / k[1];
             m.torque_nm -= k[0] * z;
+        }
+    }
+
+    fn rest<S: Scalar>(&self, k: &[S], rest: &Rest<S>, x: &mut [S]) {
+        x.fill(S::zero());
+        // along the way on which the lever was led, in steps that are short against d
+        let Arrival::Led(way_rad) = rest.arrival else { return };
+        for leg in way_rad.windows(2) {
+            let (way, side) = ((leg[1] - leg[0]).abs(), (leg[1] - leg[0]).signum());
+            let steps = (way / (0.02 * k[1].value())).ceil().min(5000.0);
+            for _ in 0..steps as usize {
+                let z = x[0];
+                x[0] = z + (S::constant(side) - z.abs() * z * 0.7 - z * z * 0.3 * side) * (way / steps) / k[1];
+            }
         }
     }
 }

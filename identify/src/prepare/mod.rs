@@ -3,12 +3,15 @@
 mod inputs;
 mod rows;
 mod stretch;
+mod way;
 
 use recordings::{Plane, Protocol, Recording};
 
 use crate::noise::{mean, step, white_std};
 use inputs::{drained_pressure, filled, led_angle, level, rests, smoothed};
 use rows::{block_starts, dwells, fillings, rest_rows, slow, thinned};
+
+use way::way_rad;
 
 pub use rows::segments;
 pub use stretch::{Channel, Stand, Stretch, Target};
@@ -47,6 +50,7 @@ pub fn stretches(
         brake_open: r.brake_open[first..end].to_vec(),
         bypass_open: r.bypass_open[first..end].to_vec(),
         angle_rad: Vec::new(),
+        way_rad: Vec::new(),
         pressure_bar: [Vec::new(), Vec::new()],
         inputs: Vec::new(),
         initial: vec![0.0; 3],
@@ -86,10 +90,11 @@ pub fn stretches(
             out.push(s.finish());
         }
         Protocol::TorqueMap => {
-            // a stretch per clamped angle: how the lever gets from one to the next is not known well enough
+            // a stretch per clamped angle: what the oil does while the lever is led to the next is not known well enough
             for (first, end) in dwells(&r, &segments) {
                 let mut s = cut(first, end, Stand::Led);
                 s.angle_rad = vec![level(&r.angle_deg[first..end], angle_noise).to_radians(); end - first];
+                s.way_rad = way_rad(&r, first, angle_noise, s.angle_rad[0]);
                 initial_from_rows(&mut s, &r, first, 0.05, 0.05);
                 for channel in [Channel::Pressure1, Channel::Pressure2, Channel::Torque] {
                     s.measured[channel.index()] = channel.of(&r)[first..end].to_vec();
@@ -130,6 +135,7 @@ pub fn stretches(
                 }
                 let mut s = cut(first, end, Stand::Drained);
                 s.angle_rad = vec![level(&r.angle_deg[first..end], angle_noise).to_radians(); end - first];
+                s.way_rad = way_rad(&r, first, angle_noise, s.angle_rad[0]);
                 s.pressure_bar =
                     [Channel::Pressure1, Channel::Pressure2].map(|c| drained_pressure(&r, c.of(&r), first, end));
                 s.initial = vec![s.angle_rad[0], s.pressure_bar[0][0], s.pressure_bar[1][0]];

@@ -93,6 +93,8 @@ pub struct Stretch {
     pub bypass_open: Vec<bool>,
     /// Angle as an input, rad; empty where it is not one.
     pub angle_rad: Vec<f64>,
+    /// Turning points of the way on which a led lever came to its first angle, rad; that angle is the last. Empty: not known, or free.
+    pub way_rad: Vec<f64>,
     /// Pressures as inputs, bar absolute; empty where they are not.
     pub pressure_bar: [Vec<f64>; 2],
     /// Inputs of another plant by column, one value a row.
@@ -133,6 +135,7 @@ impl Stretch {
             brake_open: Vec::new(),
             bypass_open: Vec::new(),
             angle_rad: Vec::new(),
+            way_rad: Vec::new(),
             pressure_bar: [Vec::new(), Vec::new()],
             inputs,
             initial,

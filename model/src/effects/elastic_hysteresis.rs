@@ -1,7 +1,7 @@
 //! Hysteresis of the chamber walls: the torque at an angle depends on the way there, not on the velocity.
 
 use super::{Balance, Header, Law, Parameter};
-use crate::port::{Port, PortKind, Rest};
+use crate::port::{Arrival, Port, PortKind, Rest};
 use crate::scalar::Scalar;
 
 /// See [`Law::HEADER`].
@@ -19,7 +19,7 @@ impl Law for ElasticHysteresis {
         balance: Balance::Torque,
         ports: &[PortKind::Mechanical],
         summary: "the chamber walls have a rate-independent hysteresis over the angle",
-        equation: "M -= k*z, d*z' = w - abs(w)*z (Dahl); abs(z) <= 1; at rest z holds the torque that is left, as far as k reaches",
+        equation: "M -= k*z, d*z' = w - abs(w)*z (Dahl); abs(z) <= 1; of a free lever at rest z holds the torque that is left, as far as k reaches; where the lever was led, z follows from its way",
         validity: "rate-independent internal friction of rubber and fabric; d is the way on which a reversed stroke forgets",
         measure: "lead the lever slowly to and fro over growing amplitudes with the bypass open, and read the force sensor",
         literature: "Dahl, A solid friction model, Aerospace Corp. TOR-158 (1968); Vo-Minh, Tjahjowidodo et al., hysteresis of pneumatic muscles, IEEE/ASME Trans. Mechatronics 16 (2011)",
@@ -41,8 +41,21 @@ impl Law for ElasticHysteresis {
     }
 
     fn rest<S: Scalar>(&self, k: &[S], rest: &Rest<S>, x: &mut [S]) {
-        // torque/k for k far above the noise, 0 for k -> 0
-        let held = rest.torque_nm * k[0] / (k[0] * k[0] + NOISE_NM * NOISE_NM);
-        x[0] = if held.value().abs() <= 1.0 { held } else { S::constant(held.value().signum()) };
+        x[0] = match rest.arrival {
+            Arrival::Free => {
+                // torque/k for k far above the noise, 0 for k -> 0
+                let held = rest.torque_nm * k[0] / (k[0] * k[0] + NOISE_NM * NOISE_NM);
+                if held.value().abs() <= 1.0 { held } else { S::constant(held.value().signum()) }
+            }
+            Arrival::Led(way_rad) => led(way_rad, k[1]),
+        };
     }
+}
+
+/// z at the end of a way from z = 0 on: dz/dphi = (1 - z*sign(w))/d along each stroke.
+fn led<S: Scalar>(way_rad: &[f64], d: S) -> S {
+    way_rad.windows(2).fold(S::zero(), |z, leg| {
+        let side = (leg[1] - leg[0]).signum();
+        (z - side) * (S::constant(-(leg[1] - leg[0]).abs()) / d).exp() + side
+    })
 }
