@@ -16,13 +16,16 @@ pub struct Effort {
     /// Where it is finite, it decides instead of the tolerance: stop when the whole next step promises less than this share of a noise
     /// variance. A hundredth leaves every parameter within a tenth of its standard error of the minimum, however flat that is.
     pub promise: f64,
+    /// Far from the noise a fit creeps that gains less than this share of the cost in each of several steps: it is given up there, not
+    /// converged. 0: never.
+    pub creep: f64,
     /// Each step is tried with derivatives at once, on the trust that it is taken: saves a simulation where it is.
     pub ahead: bool,
 }
 
 impl Default for Effort {
     fn default() -> Self {
-        Effort { iterations: 25, tolerance: 1e-6, promise: f64::INFINITY, ahead: false }
+        Effort { iterations: 25, tolerance: 1e-6, promise: f64::INFINITY, creep: 0.0, ahead: false }
     }
 }
 
@@ -79,6 +82,7 @@ pub fn fit_from(
     let mut damping = if effort.promise.is_finite() { 1e-7 } else { 1e-3 };
     let mut growth = 2.0;
     let mut converged = false;
+    let mut creeping = 0;
     'outer: for iteration in 0..effort.iterations {
         let pieces = match known.take() {
             Some(pieces) => pieces,
@@ -135,6 +139,10 @@ pub fn fit_from(
                     converged = true;
                     break 'outer;
                 }
+                creeping = if relative < effort.creep && misfit(problem, cost) > FAR { creeping + 1 } else { 0 };
+                if creeping >= CREEPING {
+                    break 'outer;
+                }
                 break;
             }
             damping *= growth;
@@ -149,6 +157,11 @@ pub fn fit_from(
     }
     Ok((Fit { layout: layout.clone(), point, cost, converged }, known))
 }
+
+/// Cost over that of noise alone from which a fit is far from it.
+const FAR: f64 = 10.0;
+/// Steps in a row that gain little.
+const CREEPING: usize = 4;
 
 /// Size of the residuals over that of the noise, squared, at least 1.
 fn misfit(problem: &Problem, cost: f64) -> f64 {

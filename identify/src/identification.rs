@@ -258,7 +258,7 @@ pub fn rough_fit(
 
 /// From near the joint minimum to it.
 pub fn polish() -> Effort {
-    Effort { iterations: 20, tolerance: 1e-6, promise: PROMISE, ahead: true }
+    Effort { iterations: 20, tolerance: 1e-6, promise: PROMISE, creep: 0.0, ahead: true }
 }
 
 /// Takes out of the layout what the data do not determine: one after the other, the worst first.

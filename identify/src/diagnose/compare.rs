@@ -7,8 +7,8 @@ use model::integrate::SimulationError;
 use super::holdout::HoldOut;
 use super::round::Round;
 use super::search::Search;
-use super::{PREFERRED, Ranked};
-use crate::colour::Colour;
+use super::{PREFERRED, Ranked, SECOND};
+use crate::colour::{Colour, colours};
 use crate::fit::{Effort, Fit};
 use crate::misfit;
 use crate::problem::{Point, Problem};
@@ -17,13 +17,16 @@ use crate::score::Direction;
 
 /// Share of one effect's direction that another's hold from which on they look alike: an angle of less than 18 degrees.
 const ALIKE: f64 = 0.9;
+/// Share of the cost: with less a step the 25 steps of the last heat come to no other verdict on a misfit that is gross after them too.
+const CREEP: f64 = 0.005;
 /// A fit that is brought to its minimum. A gross effect needs many linearisations.
 pub(super) fn to_the_end() -> Effort {
-    Effort { iterations: 40, tolerance: 1e-6, ..Effort::default() }
+    Effort { iterations: 40, tolerance: 1e-6, creep: CREEP, ..Effort::default() }
 }
 /// A rival explains at least this share of what the best candidate does,
 const RIVAL: f64 = 0.95;
-/// or at least this, if it stands no further behind than chance may put it (standard errors): of a weak effect chance explains a part.
+/// or at least this, if it leaves nothing but noise and stands no further behind than chance may put it (standard errors): of a weak
+/// effect chance explains a part.
 const HALF: f64 = 0.5;
 const CHANCE: f64 = 2.0;
 
@@ -83,7 +86,7 @@ struct Heat {
 
 impl Heat {
     fn effort(&self) -> Effort {
-        Effort { iterations: self.iterations, tolerance: self.tolerance, ..Effort::default() }
+        Effort { iterations: self.iterations, tolerance: self.tolerance, creep: CREEP, ..Effort::default() }
     }
 }
 
@@ -196,6 +199,7 @@ pub(super) fn is_sound(fit: &Fit, covariance: &nalgebra::DMatrix<f64>, n: usize)
 pub(super) fn rivals(problem: &Problem, refits: &[Refit], before: f64) -> Result<Vec<Refit>, SimulationError> {
     let (clusters, count) = crate::score::clusters(problem);
     let best = problem.residuals(&refits[0].fit.layout, &refits[0].fit.point)?;
+    let noise = colours(problem, &best);
     let mut out = Vec::new();
     for r in &refits[1..] {
         // a set that contains the best one is a refinement, not a rival
@@ -208,7 +212,9 @@ pub(super) fn rivals(problem: &Problem, refits: &[Refit], before: f64) -> Result
         }
         let other = problem.residuals(&r.fit.layout, &r.fit.point)?;
         let (_, z) = advantage(&other, &best, &clusters, count);
-        if z < if share < RIVAL { CHANCE } else { PREFERRED } {
+        let alike = share >= RIVAL && z < PREFERRED;
+        let by_chance = || z < CHANCE && misfit::largest(&misfit::parts(problem, &other, &noise)) < SECOND;
+        if alike || by_chance() {
             out.push(r.clone());
         }
     }

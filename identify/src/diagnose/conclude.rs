@@ -18,7 +18,7 @@ use crate::uncertainty::Uncertainty;
 
 impl Search<'_> {
     /// What a step leaves, as the data that were left out of its fit show it.
-    fn left(&self, found: &Found, step: &Step) -> Vec<Part> {
+    pub fn left(&self, found: &Found, step: &Step) -> Vec<Part> {
         misfit::parts(self.problem, &step.held_out, &found.colours)
     }
 
@@ -115,7 +115,7 @@ impl Search<'_> {
 
     /// The nameless term of the balance that explains most, where there is something to explain. `certain`: there is, whether a
     /// term explains it or not. Otherwise the terms' score test, its size, and the data that were left out must agree.
-    fn nameless(&self, found: &mut Found, certain: bool) -> Result<Option<Step>, SimulationError> {
+    pub fn nameless(&self, found: &mut Found, certain: bool) -> Result<Option<Step>, SimulationError> {
         let reference = found.steps[0].clone();
         let nested = self.nested(&reference.fit)?;
         let round = Round::new(&self.brief, &nested, EMPIRICAL.iter().copied())?;

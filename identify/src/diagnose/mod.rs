@@ -123,6 +123,10 @@ const SHORT_S: f64 = 8.0;
 /// Structured residual (noise floors) from which an effect counts as gross.
 const GROSS: f64 = 1.5;
 
+/// A gross misfit of which the best single name explains less than this share is not one of two names: of two the better one explains
+/// about half, or more.
+const LOST: f64 = 1.0 / 3.0;
+
 /// Runs the whole chain with the whole library.
 ///
 /// # Errors
@@ -177,11 +181,21 @@ pub fn diagnose_declared(
             break;
         }
         let step = if number == 0 {
+            // what all candidates together can't show, terms without a name may: then it is one of them, or none
+            if !search.calls_for(&found, &first) && search.nameless(&mut found, false)?.is_none() {
+                break;
+            }
             search.round(&mut found, &nested, &first)?
         } else {
+            if search.is_lost(&found) {
+                break;
+            }
             let nested = search.nested(&found.last().fit)?;
             let open = search.open(&nested);
             let round = Round::new(&search.brief, &nested, open.into_iter())?;
+            if !search.calls_for(&found, &round) {
+                break;
+            }
             search.round(&mut found, &nested, &round)?
         };
         match step {

@@ -8,7 +8,7 @@ use super::compare::{
 };
 use super::holdout::HoldOut;
 use super::round::Round;
-use super::{BRIEF_S, CLEAR, Declared, GROSS, LEVEL, MATERIAL, PREFERRED, Ranked, SHORT_S};
+use super::{BRIEF_S, CLEAR, Declared, GROSS, LEVEL, LOST, MATERIAL, PREFERRED, Ranked, SHORT_S};
 use crate::colour::{Colour, colours};
 use crate::fit::Fit;
 use crate::identification::covariance_of;
@@ -147,16 +147,25 @@ impl<'a> Search<'a> {
         nested_on(&self.brief, current)
     }
 
+    /// A candidate is significant, or the last step's misfit is certain without.
+    pub fn calls_for(&self, found: &Found, round: &Round) -> bool {
+        let largest = misfit::largest(&found.parts(self.problem, found.last()));
+        let p = round.p_value(|_| true);
+        tracing::info!(p, largest, "score of the whole library");
+        p <= LEVEL || largest >= CLEAR
+    }
+
+    /// The misfit is gross, and the names that were found do not lead out of it.
+    pub fn is_lost(&self, found: &Found) -> bool {
+        let left = self.left(found, found.last());
+        let before = misfit::total(&self.left(found, &found.steps[0]));
+        misfit::largest(&left) > GROSS && misfit::total(&left) > (1.0 - LOST) * before
+    }
+
     /// Adds the best candidate of a round to the last step; `None` where no judge or not every judge is convinced.
     pub fn round(&self, found: &mut Found, nested: &Fit, round: &Round) -> Result<Option<Step>, SimulationError> {
         let last = found.last().clone();
-        let parts = found.parts(self.problem, &last);
-        let largest = misfit::largest(&parts);
-        let p = round.p_value(|_| true);
-        if p > LEVEL && largest < CLEAR {
-            tracing::info!(p, largest, "no candidate is significant");
-            return Ok(None);
-        }
+        let largest = misfit::largest(&found.parts(self.problem, &last));
         let open = self.open(&last.fit);
         let gross = largest > GROSS;
         let bases = Bases { current: nested, component: self.component, short: &self.short, gross };

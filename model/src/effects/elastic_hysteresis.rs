@@ -59,3 +59,39 @@ fn led<S: Scalar>(way_rad: &[f64], d: S) -> S {
         (z - side) * (S::constant(-(leg[1] - leg[0]).abs()) / d).exp() + side
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::port::MechanicalPort;
+
+    #[test]
+    fn a_way_leads_to_the_state_that_moving_along_it_does() {
+        let (k, way) = ([0.5, 0.08], [-0.6, 0.1, -0.05, 0.02]);
+        let mut z = [0.0];
+        const STEPS: usize = 4000;
+        for leg in way.windows(2) {
+            let velocity_rad_s = leg[1] - leg[0];
+            for _ in 0..STEPS {
+                let mut dx = [0.0];
+                let mut port = MechanicalPort {
+                    time_s: 0.0,
+                    angle_rad: 0.0,
+                    velocity_rad_s,
+                    dp_bar: 0.0,
+                    load_bar: 0.0,
+                    vertical: false,
+                    torque_nm: 0.0,
+                };
+                ElasticHysteresis.act(&k, &z, &mut dx, &mut Port::Mechanical(&mut port));
+                z[0] += dx[0] / STEPS as f64;
+            }
+        }
+        assert!((z[0] - led(&way, k[1])).abs() < 2e-3, "{z:?} {}", led(&way, k[1]));
+        assert!(
+            led(&way, 0.08) < 0.8 && led(&way[..2], 0.08) > 0.99,
+            "a long stroke saturates, a short way back does not"
+        );
+        assert_eq!((led(&way[..1], 0.08), led(&[], 0.08)), (0.0, 0.0), "no way is known");
+    }
+}

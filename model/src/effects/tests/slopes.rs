@@ -149,19 +149,20 @@ fn rest_states_have_the_slopes_of_differences_and_stay_put() {
             for input in inputs(&mut rng).into_iter().filter(|i| i.circuit == Circuit::Pump) {
                 let mut plant = state(&mut rng);
                 plant[rec::state::VELOCITY] = 0.0;
+                let way = [-0.4, 0.3, plant[rec::state::ANGLE]];
                 let at: Vec<f64> = plant.iter().chain(*start).copied().collect();
                 let f = |v: &[f64]| {
                     let effects = set(*effect, &v[STATES..]);
                     let mut x = v[..STATES].to_vec();
                     x.resize(STATES + h.states, 0.0);
-                    rec::rest_states(&input, &base, &effects, &mut x);
+                    rec::rest_states_after(&way, &input, &base, &effects, &mut x);
                     x[STATES..].to_vec()
                 };
                 let variables: Vec<Tangent> = at.iter().enumerate().map(|(i, v)| Tangent::variable(*v, i)).collect();
                 let effects = EffectSet::new(STATES, [(*effect, variables[STATES..].to_vec())]);
                 let mut x = variables[..STATES].to_vec();
                 x.resize(STATES + h.states, Tangent::constant(0.0));
-                rec::rest_states(&input, &constants, &effects, &mut x);
+                rec::rest_states_after(&way, &input, &constants, &effects, &mut x);
                 let scale = vec![1.0; at.len()];
                 check_slopes(h.id, &at, &scale, f, &x[STATES..]);
                 // the line's flow is not at rest where oil slips; a play's side is open where the torque is as small as noise
