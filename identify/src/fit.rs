@@ -101,8 +101,10 @@ pub fn fit_from(
             }
         }
         let mut ahead = effort.ahead;
+        let (before, mut rejected) = (damping, 0);
+        let mut held = active.clone();
         loop {
-            let Some(step) = damped_step(&normal.matrix, &normal.gradient, &active, damping) else {
+            let Some(step) = damped_step(&normal.matrix, &normal.gradient, &held, damping) else {
                 damping *= 10.0;
                 if damping > 1e12 {
                     break 'outer;
@@ -145,6 +147,11 @@ pub fn fit_from(
                 }
                 break;
             }
+            rejected += 1;
+            if rejected == REJECTED && held_shapes(&mut held, layout) {
+                damping = before;
+                continue;
+            }
             damping *= growth;
             growth *= 2.0;
             if predicted < enough.min(effort.tolerance * cost) || damping > 1e10 {
@@ -166,6 +173,22 @@ const CREEPING: usize = 4;
 /// Size of the residuals over that of the noise, squared, at least 1.
 fn misfit(problem: &Problem, cost: f64) -> f64 {
     (cost / problem.targets().max(1) as f64).max(1.0)
+}
+
+/// After so many steps that lead nowhere the shapes of effects are held for this one: how a gap closes within a millisecond, say, has slopes
+/// that no step of the integration resolves, and they spoil the step of everything else.
+const REJECTED: usize = 2;
+
+/// Holds the effects' shapes; false where all of them are held already.
+fn held_shapes(held: &mut [bool], layout: &Layout) -> bool {
+    let mut any = false;
+    for (n, effect) in layout.effects.iter().enumerate() {
+        let first = layout.first_of(n);
+        for (i, _) in effect.header().parameters.iter().enumerate().filter(|(_, p)| !p.size) {
+            any |= !std::mem::replace(&mut held[first + i], true);
+        }
+    }
+    any
 }
 
 fn clip(theta: &mut [f64], bounds: &[(f64, f64)]) {

@@ -41,7 +41,7 @@ pub fn refit(
         layout.effects.push(*effect);
     }
     let starts = starts(added);
-    let best_of = |problem: &Problem, from_component: bool| {
+    let best_of = |problem: &Problem, from_component: bool, size: f64| {
         let mut best: Option<(f64, Point)> = None;
         for start in &starts {
             let mut point = bases.current.point.clone();
@@ -49,21 +49,31 @@ pub fn refit(
                 point.theta[..bases.component.len()].copy_from_slice(bases.component);
                 point.initial.iter_mut().for_each(|values| values.fill(0.0));
             }
-            point.theta.extend_from_slice(start);
+            point.theta.extend(sized(added, start, size));
             let cost = problem.cost(&layout, &point);
             if cost.is_finite() && best.as_ref().is_none_or(|(c, _)| cost < *c) {
                 best = Some((cost, point));
             }
         }
-        best.map(|(_, point)| point)
+        best
     };
     // a few steps tell which start leads down
     let mut tried: Vec<Fit> = Vec::new();
-    if let Some(point) = best_of(problem, false) {
+    // a start at which the effect is far too large leads to a minimum of its own, above the model without it
+    let descends = |(cost, _): &(f64, Point)| *cost < bases.current.cost;
+    let mut best: Option<(f64, Point)> = None;
+    for size in SIZES {
+        let begun = best_of(problem, false, size);
+        best = [best, begun].into_iter().flatten().min_by(|a, b| a.0.total_cmp(&b.0));
+        if best.as_ref().is_some_and(descends) {
+            break;
+        }
+    }
+    if let Some((_, point)) = best {
         tried.extend(fit(problem, &layout, point, effort).ok());
     }
     if bases.gross
-        && let Some(point) = best_of(bases.short, true)
+        && let Some((_, point)) = best_of(bases.short, true, 1.0)
     {
         let lead = Effort { iterations: 10, tolerance: 1e-3, ..Effort::default() };
         let point = fit(bases.short, &layout, point.clone(), lead).map_or(point, |f| f.point);
@@ -71,6 +81,15 @@ pub fn refit(
     }
     let fit = tried.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost))?;
     Some(Refit { added: added.iter().map(|(e, _)| e.header().id).collect(), fit })
+}
+
+/// Sizes of a start that are tried one after the other until one leads down.
+const SIZES: [f64; 4] = [1.0, 0.3, 0.1, 0.03];
+
+/// A start of these effects with their sizes times `size`.
+fn sized(added: &[(&'static dyn Effect, Vec<&Direction>)], start: &[f64], size: f64) -> Vec<f64> {
+    let parameters = added.iter().flat_map(|(effect, _)| effect.header().parameters);
+    parameters.zip(start).map(|(p, v)| if p.size { v * size } else { *v }).collect()
 }
 
 /// Starts of the effects' parameters: each one's best directions as they stand and scaled to what the residual asks for.

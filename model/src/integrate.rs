@@ -94,16 +94,21 @@ impl Integrator {
         let mut plant = Plant::<MOST_STATES>::new(&mut near, input, k, effects, x.len());
         let mut at = Plant::lanes(x);
         at[state::VELOCITY] = 0.0;
-        let mut base = [0.0; MOST_STATES];
-        plant.derivative(0.0, &at, &mut base);
-        let mut rate: f64 = 0.0;
-        for i in 0..x.len() {
-            let mut moved = at;
-            let step = 1e-5 * (1.0 + at[i].abs());
+        let mut rate_of = |i: usize, from: &[f64; MOST_STATES]| {
+            let (mut base, mut slope) = ([0.0; MOST_STATES], [0.0; MOST_STATES]);
+            plant.derivative(0.0, from, &mut base);
+            let mut moved = *from;
+            let step = 1e-5 * (1.0 + from[i].abs());
             moved[i] += step;
-            let mut slope = [0.0; MOST_STATES];
             plant.derivative(0.0, &moved, &mut slope);
-            rate = rate.max(-(slope[i] - base[i]) / step);
+            -(slope[i] - base[i]) / step
+        };
+        let mut rate: f64 = (0..x.len()).map(|i| rate_of(i, &at)).fold(0.0, f64::max);
+        // a play that is not in contact near `x` will be elsewhere
+        for (i, side) in (STATES..x.len()).flat_map(|i| [(i, -1.0), (i, 1.0)]) {
+            let mut far = at;
+            far[i] += side;
+            rate = rate.max(rate_of(i, &far));
         }
         let h = if rate > 0.0 { longest_s.min(share / rate) } else { longest_s };
         Integrator::new(h.max(longest_s / 10.0))

@@ -6,7 +6,7 @@ use recordings::Recording;
 const LEAST_DEG: f64 = 0.1;
 /// A lever led faster than this from a row to the next was not led but set: the recording has a gap there. Degrees, and degrees a second.
 const GAP_DEG: f64 = 1.0;
-const GAP_DEG_S: f64 = 200.0;
+const GAP_DEG_S: f64 = 60.0;
 
 /// Turning points of the lever from the run's start (or from the last gap) to row `end`, and `clamped_rad`, where it then stands; rad.
 /// `noise_deg`: of one sample.
