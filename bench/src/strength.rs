@@ -32,7 +32,7 @@ fn trajectory(base: &Parameters, effects: &EffectSet<f64>) -> Option<Vec<[f64; 3
     x[state::PRESSURE1] = 2.8;
     x[state::PRESSURE2] = 2.8;
     rec::rest_states(&input(base, 0), &k, effects, &mut x);
-    let integrator = Integrator::for_plant(1e-3, &k, effects, &input(base, 0), &x);
+    let integrator = Integrator::for_plant(1e-3, &k, effects, &[input(base, 0)], &x);
     let mut scratch = x.clone();
     let mut out = Vec::with_capacity(TICKS);
     for tick in 0..TICKS {

@@ -60,7 +60,7 @@ impl<'a> Run<'a> {
             rec::rest_states_after(&stretch.way_rad, &input, k, effects, &mut x);
         }
         let longest = if stretch.stand == Stand::Free { STEP_FREE_S } else { STEP_LED_S };
-        let integrator = Integrator::for_plant(longest, k, effects, &input, &x).resolving_creep();
+        let integrator = Integrator::for_plant(longest, k, effects, &stands(stretch, &input), &x).resolving_creep();
         let trail = Trail::new(k);
         Run { stretch, k, effects, integrator, trail, x, scratch, shift_rad }
     }
@@ -128,6 +128,17 @@ impl<'a> Run<'a> {
         let i = i.min(self.stretch.rows() - 2);
         self.stretch.input(i, self.step_length(i))
     }
+}
+
+/// The input as it is, and with each other stand of the valves that occurs in the stretch.
+fn stands(stretch: &Stretch, input: &Input) -> Vec<Input> {
+    let mut out = vec![*input];
+    for (&brake_open, &bypass_open) in stretch.brake_open.iter().zip(&stretch.bypass_open) {
+        if !out.iter().any(|i| i.brake_open == brake_open && i.bypass_open == bypass_open) {
+            out.push(Input { brake_open, bypass_open, ..*input });
+        }
+    }
+    out
 }
 
 /// Predicted values at the stretch's targets.

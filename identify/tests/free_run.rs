@@ -43,6 +43,22 @@ fn derivatives_of_the_predictions_are_those_of_finite_differences() {
 }
 
 #[test]
+fn a_shape_without_slopes_spoils_no_fit() {
+    let truth = Parameters::example();
+    let play = find("backlash").unwrap();
+    // the gap closes within a millisecond: no step resolves how that changes with c
+    let problem = problem(&[dynamic(&truth, Some((play, vec![0.03, 0.7])), 20.0, 4)]);
+    let layout = layout(&truth).with(play);
+    let mut theta = layout.vector_of(&truth);
+    theta.extend([0.06, 3.0]);
+    let found = fit(&problem, &layout, problem.point(theta), Effort::default()).unwrap();
+    let per_target = found.cost / problem.targets() as f64;
+    assert!(per_target < 1.1, "{per_target}");
+    let b = found.point.theta[layout.first_of(0)];
+    assert!((b - 0.03).abs() < 0.003, "{b}");
+}
+
+#[test]
 fn a_fit_from_afar_finds_the_truth_within_its_standard_errors() {
     let truth = Parameters::example();
     let problem = problem(&[dynamic(&truth, None, 20.0, 2), dynamic(&truth, None, 20.0, 3)]);

@@ -6,7 +6,7 @@ mod common;
 
 use std::path::Path;
 
-use common::{ANGLE_NOISE_DEG, PRESSURE_NOISE_BAR, dynamic, layout, problem};
+use common::{ANGLE_NOISE_DEG, PRESSURE_NOISE_BAR, campaign, dynamic, layout, problem};
 use identify::analysis::{Analysis, Depth, analyse, analyse_as, conclude};
 use identify::diagnose::{Added, Diagnosis, Ranked, Verdict};
 use identify::findings::{Candidate, Findings, ranking};
@@ -24,22 +24,7 @@ use model::effects::empirical::EMPIRICAL;
 use model::effects::{Balance, find};
 use model::parameters::{NAMES, index};
 use model::{ModelFile, Parameters};
-use recordings::{Campaign, Plane, Protocol, Recording, RigFacts, Role, RunEntry};
-
-/// A campaign folder of dynamic runs, read back.
-fn campaign(dir: &Path, runs: &[(&str, Role, Recording)]) -> Loaded {
-    let example = Parameters::example();
-    let entry = |(file, role, recording): &(&str, Role, Recording)| {
-        recording.write_csv(&dir.join(file)).unwrap();
-        let (file, role) = (file.to_string(), *role);
-        RunEntry { file, protocol: Protocol::RandomSteps, role, plane: Plane::Horizontal }
-    };
-    let rig = RigFacts { inertia_kg_m2: example.load.J, gravity_nm: example.load.G, u_max_v: example.pump.u_max };
-    let campaign =
-        Campaign { dir: dir.to_owned(), name: "made by the model".into(), rig, runs: runs.iter().map(entry).collect() };
-    campaign.write_toml().unwrap();
-    Loaded::read(dir).unwrap()
-}
+use recordings::Role;
 
 fn fit_at(truth: &Parameters, effects: &[(&str, &[f64])]) -> Fit {
     let mut layout = Layout::base(truth);

@@ -74,10 +74,12 @@ impl Integrator {
     }
 
     /// Inner steps of at most `longest_s`, shorter where the plant near `x` is stiffer than such a step can follow:
-    /// near zero velocity the losses have a time constant of 1..2 ms, and effects may add to that.
-    pub fn for_plant(longest_s: f64, k: &[f64], effects: &EffectSet<f64>, input: &Input, x: &[f64]) -> Self {
+    /// near zero velocity the losses have a time constant of 1..2 ms, and effects may add to that. `inputs`: one
+    /// for each stand of the valves that will occur.
+    pub fn for_plant(longest_s: f64, k: &[f64], effects: &EffectSet<f64>, inputs: &[Input], x: &[f64]) -> Self {
         // a Runge-Kutta step is stable up to 2.8 time constants and accurate to 1e-3 of a decay at 1
-        Self::within_time_constant(longest_s, 1.0, k, effects, input, x)
+        let each = inputs.iter().map(|i| Self::within_time_constant(longest_s, 1.0, k, effects, i, x).longest_s);
+        Integrator::new(each.fold(longest_s, f64::min))
     }
 
     /// Inner steps of at most `longest_s` and of at most `share` of the shortest time constant near `x`, but of a tenth of

@@ -29,7 +29,7 @@ fn every_effect_with_a_millisecond_step() {
             coarse.resize(STATES + h.states, 0.0);
             rec::rest_states(&wave(0.0), &k, &effects, &mut coarse);
             let mut fine = coarse.clone();
-            let steps = [Integrator::for_plant(1e-3, &k, &effects, &wave(0.0), &coarse), Integrator::new(0.1e-3)];
+            let steps = [Integrator::for_plant(1e-3, &k, &effects, &[wave(0.0)], &coarse), Integrator::new(0.1e-3)];
             let mut worst: [f64; 3] = [0.0; 3];
             for i in 0..3000 {
                 let t = i as f64 * 1e-3;
@@ -47,6 +47,28 @@ fn every_effect_with_a_millisecond_step() {
 }
 
 #[test]
+fn no_start_of_an_effect_breaks_a_led_lever() {
+    let k = Parameters::example().to_vector();
+    for effect in LIBRARY {
+        let h = effect.header();
+        for start in h.starts {
+            let led = |t: f64| Input { lever: rec::Lever::Led { velocity_rad_s: 0.0 }, ..wave(t) };
+            let effects = EffectSet::new(STATES, [(*effect, start.to_vec())]);
+            let mut x = MIDDLE.to_vec();
+            x.resize(STATES + h.states, 0.0);
+            rec::rest_states(&led(0.0), &k, &effects, &mut x);
+            // the step of slow experiments: a play that is in contact later must not surprise it
+            let step = Integrator::for_plant(1e-2, &k, &effects, &[led(0.0), led(0.85), led(1.65)], &x);
+            for i in 0..300 {
+                let t = i as f64 * 1e-2;
+                let done = step.advance(&led(t), &k, &effects, t, 1e-2, &mut x);
+                assert!(done.is_ok(), "{} {start:?} at {t} s: {done:?}", h.id);
+            }
+        }
+    }
+}
+
+#[test]
 fn no_bound_of_an_effect_breaks_the_simulation() {
     let k = Parameters::example().to_vector();
     for effect in LIBRARY {
@@ -58,7 +80,7 @@ fn no_bound_of_an_effect_breaks_the_simulation() {
             let mut x = MIDDLE.to_vec();
             x.resize(STATES + h.states, 0.0);
             rec::rest_states(&wave(0.0), &k, &effects, &mut x);
-            let step = Integrator::for_plant(1e-3, &k, &effects, &wave(0.0), &x);
+            let step = Integrator::for_plant(1e-3, &k, &effects, &[wave(0.0)], &x);
             for i in 0..2000 {
                 let t = i as f64 * 1e-3;
                 match step.advance(&wave(t), &k, &effects, t, 1e-3, &mut x) {

@@ -220,3 +220,22 @@ pub fn diagnose_declared(
     }
     search.conclude(found, &first)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn plain_losses_are_coulomb_friction_below_what_was_seen() {
+        let mut bent = Parameters::example();
+        bent.losses.l1 = 0.4;
+        bent.losses.l2 = 0.2;
+        bent.losses.l3 = 5.0;
+        let plain = with_plain_losses(bent);
+        assert_eq!((plain.losses.l1, plain.losses.l3), (0.0, 0.0));
+        assert!((plain.losses.l2 - 2.8).abs() < 1e-12, "half of what is lost at 1 rad/s: {}", plain.losses.l2);
+        assert_eq!((plain.torque, plain.pump), (bent.torque, bent.pump), "nothing else moves");
+        bent.losses.l2 = -9.0;
+        assert_eq!(with_plain_losses(bent).losses.l2, 0.0, "no friction drives");
+    }
+}

@@ -209,7 +209,7 @@ fn contributions(s: &Stretch, k: &[f64], effects: &EffectSet<f64>, initial: &[f6
     x[state::PRESSURE2] = s.initial[2] + initial[2];
     let start = s.input(0, STEP_S);
     rec::rest_states(&start, k, effects, &mut x);
-    let integrator = Integrator::for_plant(STEP_S, k, effects, &start, &x);
+    let integrator = Integrator::for_plant(STEP_S, k, effects, &[start], &x);
     let mut out = Vec::with_capacity(s.rows());
     for i in 0..s.rows() {
         let dt = if i + 1 < s.rows() { s.time_s[i + 1] - s.time_s[i] } else { STEP_S };

@@ -1,5 +1,11 @@
 //! Recordings made by the model itself, with noise: what a perfect rig would leave.
 
+#![allow(dead_code, reason = "no test uses all of it")]
+#![allow(clippy::unwrap_used, reason = "a test may end where something is not as expected")]
+
+use std::path::Path;
+
+use identify::identification::Loaded;
 use identify::layout::Layout;
 use identify::prepare::{Channel, stretches};
 use identify::problem::Problem;
@@ -10,7 +16,7 @@ use model::rec::{self, Circuit, Input, Lever, STATES, state};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
-use recordings::{Plane, Protocol, Recording};
+use recordings::{Campaign, Plane, Protocol, Recording, RigFacts, Role, RunEntry};
 
 pub const ANGLE_NOISE_DEG: f64 = 0.01;
 pub const PRESSURE_NOISE_BAR: f64 = 0.006;
@@ -104,4 +110,19 @@ pub fn layout(truth: &Parameters) -> Layout {
     let mut layout = Layout::base(truth);
     layout.base = vec![M2, M3, V2, F1, F3, F4, L2, L3, A, K_B];
     layout
+}
+
+/// A campaign folder of dynamic runs, read back.
+pub fn campaign(dir: &Path, runs: &[(&str, Role, Recording)]) -> Loaded {
+    let example = Parameters::example();
+    let entry = |(file, role, recording): &(&str, Role, Recording)| {
+        recording.write_csv(&dir.join(file)).unwrap();
+        let (file, role) = (file.to_string(), *role);
+        RunEntry { file, protocol: Protocol::RandomSteps, role, plane: Plane::Horizontal }
+    };
+    let rig = RigFacts { inertia_kg_m2: example.load.J, gravity_nm: example.load.G, u_max_v: example.pump.u_max };
+    let campaign =
+        Campaign { dir: dir.to_owned(), name: "made by the model".into(), rig, runs: runs.iter().map(entry).collect() };
+    campaign.write_toml().unwrap();
+    Loaded::read(dir).unwrap()
 }
