@@ -141,8 +141,8 @@ impl Bus {
             let done = tokio::select! {
                 biased;
                 () = woken(&self.wake) => {
-                    self.take_newest();
-                    if self.worker.orders.stop.load(Acquire) {
+                    let stop = self.obey();
+                    if stop {
                         self.count_dropped(port, &mut dropped);
                         self.finish(port).await;
                         return Ended::Stopped;
@@ -173,9 +173,9 @@ impl Bus {
             tokio::select! {
                 biased;
                 () = woken(&self.wake) => {
-                    self.take_newest();
+                    let stop = self.obey();
                     self.give_up_pending();
-                    if self.worker.orders.stop.load(Acquire) {
+                    if stop {
                         return None;
                     }
                     continue;
@@ -197,6 +197,14 @@ impl Bus {
                 }
             }
         }
+    }
+
+    /// Takes what the loop has given; whether the link was dropped. That is asked before: who sees that it was finds the last set, which was
+    /// given before it. Asked afterwards, a set that is given in between would never go out.
+    fn obey(&mut self) -> bool {
+        let stop = self.worker.orders.stop.load(Acquire);
+        self.take_newest();
+        stop
     }
 
     /// The newest set becomes the one that is under way; what is left of older ones is not sent.

@@ -5,7 +5,6 @@ use super::poll::{self, polled};
 use super::port::{End, Heard, Wanted};
 use super::wire::{self, Content};
 use super::{CanError, Frame, FrameId, Interface, TimedFrame};
-use rustix::event::{PollFd, PollFlags, Timespec};
 use rustix::io::Errno;
 use rustix::net::{AddressFamily, RecvFlags, SendFlags, SocketAddrUnix, SocketFlags, SocketType, sockopt};
 use std::io;
@@ -24,8 +23,6 @@ type Peer = Arc<AsyncFd<OwnedFd>>;
 pub struct Unix {
     /// None where an end that binds waits for one.
     peer: Mutex<Option<Peer>>,
-    /// Let in while what the peer before it has left behind was still to be read.
-    next: Mutex<Option<Peer>>,
     listener: Option<Listener>,
     /// In order; all where there is none.
     wanted: Option<Vec<FrameId>>,
@@ -58,7 +55,7 @@ impl Unix {
             End::Connects => (Some(connect(path)?), None),
             End::Binds => (None, Some(bind(path)?)),
         };
-        Ok(Unix { peer: Mutex::new(peer), next: Mutex::new(None), listener, wanted })
+        Ok(Unix { peer: Mutex::new(peer), listener, wanted })
     }
 
     pub(super) async fn receive(&self) -> io::Result<Heard> {
@@ -74,18 +71,13 @@ impl Unix {
                         Ok(Some(bytes)) => bytes,
                         // Gone, or not of our kind.
                         Ok(None) | Err(_) => {
-                            let next = self.next().take();
-                            self.set_peer(next);
+                            self.set_peer(None);
                             continue;
                         }
                     },
-                    // One at a time: a second one finds its socket closed. But the runtime may tell of it before it tells that the first
-                    // one has gone.
+                    // One at a time: a second one finds its socket closed.
                     second = accept(&listener.socket) => {
-                        let second = second?;
-                        if has_gone(&peer) && self.next().is_none() {
-                            *self.next() = Some(Arc::new(polled(second)?));
-                        }
+                        drop(second?);
                         continue;
                     }
                 },
@@ -134,21 +126,9 @@ impl Unix {
         self.peer.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    fn next(&self) -> std::sync::MutexGuard<'_, Option<Peer>> {
-        self.next.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     fn set_peer(&self, peer: Option<Peer>) {
         *self.peer.lock().unwrap_or_else(PoisonError::into_inner) = peer;
     }
-}
-
-/// The other end is closed; what it sent before may still be there.
-fn has_gone(peer: &AsyncFd<OwnedFd>) -> bool {
-    let mut asked = [PollFd::new(peer.get_ref(), PollFlags::RDHUP)];
-    let now = Timespec { tv_sec: 0, tv_nsec: 0 };
-    let told = rustix::event::poll(&mut asked, Some(&now));
-    told.is_ok() && asked[0].revents().intersects(PollFlags::RDHUP | PollFlags::HUP | PollFlags::ERR)
 }
 
 /// The next packet; `None` where the other end has gone.
