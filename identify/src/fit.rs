@@ -165,8 +165,8 @@ pub fn fit_from(
     Ok((Fit { layout: layout.clone(), point, cost, converged }, known))
 }
 
-/// Cost over that of noise alone from which a fit is far from it.
-const FAR: f64 = 10.0;
+/// Cost a target (noise alone: 1) from which a fit is far from the noise.
+pub(crate) const FAR: f64 = 10.0;
 /// Steps in a row that gain little.
 const CREEPING: usize = 4;
 

@@ -88,8 +88,13 @@ const SIZES: [f64; 4] = [1.0, 0.3, 0.1, 0.03];
 
 /// A start of these effects with their sizes times `size`.
 fn sized(added: &[(&'static dyn Effect, Vec<&Direction>)], start: &[f64], size: f64) -> Vec<f64> {
-    let parameters = added.iter().flat_map(|(effect, _)| effect.header().parameters);
-    parameters.zip(start).map(|(p, v)| if p.size { v * size } else { *v }).collect()
+    let mut rest = start;
+    let each = added.iter().flat_map(|(effect, _)| {
+        let (own, others) = rest.split_at(effect.header().parameters.len());
+        rest = others;
+        effect.header().scaled(own, size)
+    });
+    each.collect()
 }
 
 /// Starts of the effects' parameters: each one's best directions as they stand and scaled to what the residual asks for.
@@ -100,14 +105,7 @@ fn starts(added: &[(&'static dyn Effect, Vec<&Direction>)]) -> Vec<Vec<f64>> {
             let mut out = Vec::new();
             for d in directions.iter().take(2) {
                 let scale = d.scale().clamp(0.05, 20.0);
-                let scaled = effect
-                    .header()
-                    .parameters
-                    .iter()
-                    .zip(&d.start)
-                    .map(|(p, v)| if p.size { (v * scale).clamp(p.lower, p.upper) } else { *v })
-                    .collect();
-                out.push(scaled);
+                out.push(effect.header().scaled(&d.start, scale));
                 if !(0.3..3.0).contains(&scale) {
                     out.push(d.start.clone());
                 }

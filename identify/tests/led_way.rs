@@ -33,18 +33,7 @@ fn torque_map(truth: &Parameters) -> Recording {
         (0.5, -5.0, 0.0, false),
         (1.0, 0.0, -1.5, true),
     ];
-    let mut r = Recording {
-        time_s: vec![],
-        voltage_v: vec![],
-        angle_deg: vec![],
-        pressure1_bar: vec![],
-        pressure2_bar: vec![],
-        torque_nm: vec![],
-        volume_ml: vec![],
-        brake_open: vec![],
-        bypass_open: vec![],
-        segment: vec![],
-    };
+    let mut r = Recording::default();
     let integrator = Integrator::new(1e-3);
     let mut dx = x.clone();
     for (segment, (seconds, rate_deg_s, voltage_v, clamped)) in plan.into_iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Validation in free run, the model file, the findings and the whole analysis, on campaigns that the model itself made.
+//! Validation in free run, the model file and the whole analysis, on campaigns that the model itself made.
 
 #![allow(clippy::unwrap_used, reason = "a test may end where something is not as expected")]
 
@@ -6,35 +6,25 @@ mod common;
 
 use std::path::Path;
 
-use common::{ANGLE_NOISE_DEG, PRESSURE_NOISE_BAR, campaign, dynamic, layout, problem};
-use identify::analysis::{Analysis, Depth, analyse, analyse_as, conclude};
-use identify::diagnose::{Added, Diagnosis, Ranked, Verdict};
-use identify::findings::{Candidate, Findings, ranking};
+use common::{
+    ANGLE_NOISE_DEG, PRESSURE_NOISE_BAR, campaign, check_report, diagnosis, dynamic, fit_at, layout, problem,
+};
+use identify::analysis::{Analysis, Depth, analyse, analyse_as};
+use identify::diagnose::Verdict;
+use identify::findings::Findings;
 use identify::fit::Fit;
 use identify::identification::{Characteristics, Identified, Loaded};
 use identify::layout::Layout;
 use identify::model_file::model_file;
 use identify::predict::predict_rows;
 use identify::prepare::Channel;
-use identify::problem::Point;
 use identify::torque_form::TorqueForm;
 use identify::uncertainty::Uncertainty;
-use identify::validate::{ValidatedRun, prepare_validation, validate};
-use model::effects::empirical::EMPIRICAL;
-use model::effects::{Balance, find};
+use identify::validate::{prepare_validation, validate};
+use model::effects::find;
 use model::parameters::{NAMES, index};
 use model::{ModelFile, Parameters};
 use recordings::Role;
-
-fn fit_at(truth: &Parameters, effects: &[(&str, &[f64])]) -> Fit {
-    let mut layout = Layout::base(truth);
-    let mut theta = layout.vector_of(truth);
-    for (id, values) in effects {
-        layout = layout.with(find(id).unwrap());
-        theta.extend_from_slice(values);
-    }
-    Fit { layout, point: Point { theta, initial: Vec::new() }, cost: 1.0, converged: true }
-}
 
 #[test]
 fn the_true_model_s_error_is_the_noise_and_the_floor_says_so() {
@@ -102,120 +92,6 @@ fn without_a_run_to_validate_nothing_is_computed() {
     for word in ["campaign.toml", "role = \"validate\"", "got none of 1", "add a run"] {
         assert!(error.contains(word), "{word} is missing in: {error}");
     }
-}
-
-fn diagnosis(verdict: Verdict, after: &Fit) -> Diagnosis {
-    Diagnosis {
-        verdict,
-        effects: Vec::new(),
-        ranking: Vec::new(),
-        balances: Balance::ALL.into_iter().map(|b| (b, 0.0005)).collect(),
-        after: after.clone(),
-        parts_before: Vec::new(),
-        parts_after: Vec::new(),
-        explained: 1.0,
-        next_experiment: None,
-    }
-}
-
-fn added(id: &str, values: &[f64], std: &[f64]) -> Added {
-    let effect = find(id).or_else(|| EMPIRICAL.iter().copied().find(|e| e.header().id == id)).unwrap();
-    Added { effect, probability: 0.98, equivalent: Vec::new(), values: values.to_vec(), std: std.to_vec() }
-}
-
-#[test]
-fn findings_have_the_contract_s_keys_in_its_order() {
-    let truth = Parameters::example();
-    let mut d = diagnosis(Verdict::Attributed, &fit_at(&truth, &[]));
-    d.effects = vec![added("cross_leakage", &[0.12, 0.01], &[0.004, f64::INFINITY])];
-    d.ranking = vec![Ranked { id: "cross_leakage".into(), probability: 0.98 }];
-    let validation: Vec<ValidatedRun> = Vec::new();
-    let text = Findings::of("c", &d, &validation).to_json();
-    let order = [
-        "format",
-        "campaign",
-        "verdict",
-        "effects",
-        "id",
-        "balance",
-        "probability",
-        "equivalent",
-        "parameters",
-        "k",
-        "value",
-        "std",
-        "unit",
-        "d",
-        "ranking",
-        "balances",
-        "torque",
-        "p_value",
-        "flow",
-        "pump",
-        "sensor",
-        "validation",
-        "next_experiment",
-    ];
-    let mut from = 0;
-    for key in order {
-        let at = text[from..].find(&format!("\"{key}\":")).unwrap_or_else(|| panic!("{key} is not next in {text}"));
-        from += at;
-    }
-    let json: serde_json::Value = serde_json::from_str(&text).unwrap();
-    assert_eq!(json["format"], 1);
-    assert_eq!(json["effects"][0]["parameters"]["k"]["unit"], "ml/(s sqrt(bar))");
-    assert_eq!(json["effects"][0]["parameters"]["k"]["std"], 0.004);
-    let shape = json["effects"][0]["parameters"]["d"]["std"].as_f64().expect("no null where a number belongs");
-    assert!(shape.is_finite() && shape > 0.0);
-    assert!(json["next_experiment"].is_null());
-    assert_eq!(text.matches("null").count(), 1, "{text}");
-    assert_eq!(text, Findings::of("c", &d, &validation).to_json());
-}
-
-#[test]
-fn what_the_data_do_not_ask_for_is_no_finding() {
-    let truth = Parameters::example();
-    let values = [0.3, 0.0];
-    let mut after = fit_at(&truth, &[("tilt", &values)]);
-    after.layout.held.insert(after.layout.first_of(0) + 1);
-    let mut d = diagnosis(Verdict::Attributed, &after);
-    d.effects = vec![added("tilt", &values, &[0.01, f64::INFINITY])];
-    let findings = Findings::of("c", &d, &[]);
-    let names: Vec<&str> = findings.effects[0].parameters.0.iter().map(|p| p.0).collect();
-    assert_eq!(names, [find("tilt").unwrap().header().parameters[0].name]);
-}
-
-#[test]
-fn each_verdict_lists_what_it_may() {
-    let truth = Parameters::example();
-    let fit = fit_at(&truth, &[]);
-    let verdict = |verdict, effects: Vec<Added>| {
-        let mut d = diagnosis(verdict, &fit);
-        d.effects = effects;
-        d.next_experiment = (verdict == Verdict::Ambiguous).then(|| "a vertical run".to_string());
-        serde_json::from_str::<serde_json::Value>(&Findings::of("c", &d, &[]).to_json()).unwrap()
-    };
-    let none = verdict(Verdict::None, Vec::new());
-    assert_eq!((&none["verdict"], none["effects"].as_array().unwrap().len()), (&"none".into(), 0));
-    let ambiguous = verdict(Verdict::Ambiguous, vec![added("pump_lag", &[0.01], &[0.001])]);
-    assert_eq!(ambiguous["effects"].as_array().unwrap().len(), 0, "nothing is claimed");
-    assert_eq!(ambiguous["next_experiment"], "a vertical run");
-    let terms = EMPIRICAL[1].header().parameters.len();
-    let unknown =
-        verdict(Verdict::Unrecognised, vec![added("empirical_flow", &vec![0.01; terms], &vec![0.001; terms])]);
-    assert_eq!(unknown["effects"][0]["id"], "unrecognised");
-    assert_eq!(unknown["effects"][0]["balance"], "flow");
-    assert_eq!(unknown["effects"][0]["parameters"].as_object().unwrap().len(), terms);
-}
-
-#[test]
-fn a_set_s_probability_counts_for_each_of_its_members() {
-    let set = |id: &str, probability| Ranked { id: id.into(), probability };
-    let found = ranking(&[set("tilt+pump_lag", 0.6), set("tilt", 0.3), set("backlash", 0.1)]);
-    let ids: Vec<&str> = found.iter().map(|c| c.id.as_str()).collect();
-    assert_eq!(ids, ["tilt", "pump_lag", "backlash"]);
-    assert!((found[0].probability - 0.9).abs() < 1e-12);
-    assert_eq!(ranking(&[set("tilt", f64::NAN)]), [Candidate { id: "tilt".into(), probability: 0.0 }]);
 }
 
 #[test]
@@ -300,20 +176,6 @@ fn small_campaign(dir: &Path) -> Loaded {
         ("c.csv", Role::Validate, dynamic(&truth, None, 15.0, 13)),
     ];
     campaign(dir, &runs)
-}
-
-fn check_report(analysis: &Analysis) {
-    let mut ids: Vec<&str> = analysis.figures.iter().map(|f| f.id.as_str()).collect();
-    ids.sort_unstable();
-    ids.dedup();
-    assert_eq!(ids.len(), analysis.figures.len(), "every figure has an anchor of its own");
-    for f in &analysis.figures {
-        assert!(f.series.iter().all(|s| s.x.len() == s.y.len()), "{}", f.id);
-        assert!(f.series.iter().any(|s| s.y.iter().any(|v| v.is_finite())), "{} shows nothing", f.id);
-    }
-    for t in &analysis.tables {
-        assert!(t.rows.iter().all(|r| r.len() == t.columns.len()), "{}: {:?}", t.title, t.rows);
-    }
 }
 
 /// The report for programs says what the tables say, and nothing that is no number.
@@ -413,83 +275,4 @@ fn a_campaign_without_component_experiments_says_what_it_leaves_open() {
     assert_eq!(ModelFile::read(&written[0]).unwrap(), analysis.model);
     let again = analyse(&loaded, Depth::Identification, &|_| ()).unwrap();
     assert_eq!(again.model.to_toml(), analysis.model.to_toml(), "the same recordings give the same bytes");
-}
-
-/// A campaign with a pump lag as it stands after a diagnosis with this verdict.
-fn diagnosed(dir: &Path, verdict: Verdict, id: &str, values: &[f64]) -> Analysis {
-    let truth = Parameters::example();
-    let lag = Some((find("pump_lag").unwrap(), vec![0.012]));
-    let fitted = dynamic(&truth, lag.clone(), 10.0, 1);
-    let runs = [("a.csv", Role::Identify, fitted.clone()), ("b.csv", Role::Validate, dynamic(&truth, lag, 10.0, 2))];
-    let loaded = campaign(dir, &runs);
-    let problem = problem(&[fitted]);
-    let layout = layout(&truth);
-    let point = problem.point(layout.vector_of(&truth));
-    let fit = Fit { cost: problem.cost(&layout, &point), layout: layout.clone(), point, converged: true };
-    let found = added(id, values, &vec![1e-3; values.len()]);
-    let with = layout.with(found.effect);
-    let mut point = fit.point.clone();
-    point.theta.extend_from_slice(values);
-    let after = Fit { cost: problem.cost(&with, &point), layout: with, point, converged: true };
-    let mut d = diagnosis(verdict, &after);
-    d.ranking = vec![Ranked { id: id.to_string(), probability: 1.0 }];
-    d.effects.push(found);
-    let identified = Identified {
-        problem,
-        fit,
-        linear: None,
-        by_eq2: None,
-        undetermined: Default::default(),
-        component: truth,
-        points: Characteristics::default(),
-    };
-    conclude(&loaded, prepare_validation(&loaded).unwrap(), identified, Some(d)).unwrap()
-}
-
-#[test]
-fn an_attributed_effect_is_in_the_model_the_findings_and_the_report() {
-    let dir = tempfile::tempdir().unwrap();
-    let analysis = diagnosed(dir.path(), Verdict::Attributed, "pump_lag", &[0.012]);
-    check_report(&analysis);
-    let findings = analysis.findings.as_ref().unwrap();
-    assert_eq!(analysis.model.effect.len(), 1);
-    assert_eq!(analysis.model.effect[0].parameters["tau"], 0.012);
-    assert_eq!(findings.effects[0].parameters.0[0].1.value, 0.012);
-    assert_eq!(findings.validation.len(), 3);
-    assert!(findings.validation[0].rmse_after < 0.5 * findings.validation[0].rmse_before);
-    assert!(analysis.headline[0].contains("pump_lag"));
-    let shown = |name: &str| analysis.figures.iter().flat_map(|f| &f.series).any(|s| s.name.contains(name));
-    assert!(shown("reference model") && shown("with pump_lag"));
-
-    let out = dir.path().join("analysis");
-    assert_eq!(analysis.write(&out).unwrap(), ["model.toml", "report.json", "findings.json"].map(|f| out.join(f)));
-    assert_eq!(std::fs::read_to_string(out.join("findings.json")).unwrap(), findings.to_json());
-    let error = analysis.write(&out.join("model.toml")).unwrap_err().to_string();
-    assert!(error.contains("model.toml") && error.contains("--out"), "{error}");
-}
-
-#[test]
-fn terms_without_a_name_are_no_part_of_the_model_file_but_are_drawn() {
-    let dir = tempfile::tempdir().unwrap();
-    let terms = EMPIRICAL[2].header().parameters.len();
-    let analysis = diagnosed(dir.path(), Verdict::Unrecognised, "empirical_pump", &vec![0.02; terms]);
-    check_report(&analysis);
-    assert!(analysis.model.effect.is_empty());
-    let truth = Parameters::example();
-    assert_eq!(
-        analysis.model.parameters.torque, truth.torque,
-        "without its terms only the reference model stands for itself"
-    );
-    assert_eq!(analysis.findings.as_ref().unwrap().effects[0].id, "unrecognised");
-    let curve = analysis.figures.iter().flat_map(|f| &f.series).find(|s| s.name == "empirical_pump adds");
-    assert!(curve.is_some_and(|s| s.y.iter().any(|v| v.abs() > 1e-3)), "the term is shown as a curve");
-}
-
-#[test]
-fn candidates_that_can_t_be_told_apart_are_claimed_nowhere() {
-    let dir = tempfile::tempdir().unwrap();
-    let analysis = diagnosed(dir.path(), Verdict::Ambiguous, "pump_lag", &[0.012]);
-    check_report(&analysis);
-    assert!(analysis.model.effect.is_empty() && analysis.findings.as_ref().unwrap().effects.is_empty());
-    assert!(analysis.headline[0].contains("can't tell"));
 }

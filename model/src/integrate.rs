@@ -64,6 +64,8 @@ impl Trail {
     }
 }
 
+/// Step of a slope that is taken 1 away from a state.
+const FAR_STEP: f64 = 1e-5;
 /// Most splits of one inner step at kinks; beyond, the step is taken as it is.
 const MOST_SPLITS: usize = 6;
 
@@ -96,21 +98,27 @@ impl Integrator {
         let mut plant = Plant::<MOST_STATES>::new(&mut near, input, k, effects, x.len());
         let mut at = Plant::lanes(x);
         at[state::VELOCITY] = 0.0;
-        let mut rate_of = |i: usize, from: &[f64; MOST_STATES]| {
-            let (mut base, mut slope) = ([0.0; MOST_STATES], [0.0; MOST_STATES]);
-            plant.derivative(0.0, from, &mut base);
-            let mut moved = *from;
-            let step = 1e-5 * (1.0 + from[i].abs());
-            moved[i] += step;
-            plant.derivative(0.0, &moved, &mut slope);
-            -(slope[i] - base[i]) / step
+        let mut derivative = |i: usize, x: &[f64; MOST_STATES], dx: &mut [f64; MOST_STATES]| {
+            *dx = [0.0; MOST_STATES];
+            plant.derivative(0.0, x, dx);
+            dx[i]
         };
-        let mut rate: f64 = (0..x.len()).map(|i| rate_of(i, &at)).fold(0.0, f64::max);
-        // a play that is not in contact near `x` will be elsewhere
+        let (mut base, mut slope) = ([0.0; MOST_STATES], [0.0; MOST_STATES]);
+        derivative(0, &at, &mut base);
+        let mut rate: f64 = 0.0;
+        for i in 0..x.len() {
+            let mut moved = at;
+            let step = 1e-5 * (1.0 + at[i].abs());
+            moved[i] += step;
+            rate = rate.max(-(derivative(i, &moved, &mut slope) - base[i]) / step);
+        }
+        // a play that is not in contact near `x` will be elsewhere: the slopes of the effects' own states far to both sides
         for (i, side) in (STATES..x.len()).flat_map(|i| [(i, -1.0), (i, 1.0)]) {
             let mut far = at;
             far[i] += side;
-            rate = rate.max(rate_of(i, &far));
+            let there = derivative(i, &far, &mut slope);
+            far[i] += FAR_STEP;
+            rate = rate.max(-(derivative(i, &far, &mut slope) - there) / FAR_STEP);
         }
         let h = if rate > 0.0 { longest_s.min(share / rate) } else { longest_s };
         Integrator::new(h.max(longest_s / 10.0))

@@ -11,10 +11,12 @@
 //! | [`runs`] | the campaign in memory |
 //! | `yardstick` | how strong an effect is |
 //! | [`trial`] | one case from draw to judgement |
+//! | [`case`] | what is known of it then |
 //! | [`judge`] | what a verdict is worth |
 //! | [`table`] | the confusion table and the targets |
 //! | [`store`] | results on disk, for a run that goes on later |
 
+pub mod case;
 pub mod foreign;
 pub mod forms;
 pub mod judge;

@@ -104,9 +104,3 @@ pub fn shape(seed: u64, case: usize, number: usize, turn: usize, effect: &dyn Ef
     }
     values
 }
-
-/// The values with all sizes times `factor`, within their bounds.
-pub fn scaled(effect: &dyn Effect, values: &[f64], factor: f64) -> Vec<f64> {
-    let parameters = effect.header().parameters.iter();
-    parameters.zip(values).map(|(p, v)| if p.size { (v * factor).clamp(p.lower, p.upper) } else { *v }).collect()
-}

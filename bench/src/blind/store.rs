@@ -1,7 +1,7 @@
 //! Results on disk: written after each case, so that a run that was ended goes on where it was.
 
+use super::case::Case;
 use super::table::{Target, targets};
-use super::trial::Case;
 use crate::failure::{Failure, Kind};
 use identify::analysis::write_whole;
 use serde::{Deserialize, Serialize};

@@ -1,8 +1,8 @@
 //! The confusion table, and what is asked of it.
 
+use super::case::Case;
 use super::judge::Outcome;
 use super::plan::Kind;
-use super::trial::Case;
 use serde::Serialize;
 
 /// So many of so many.

@@ -1,7 +1,7 @@
 //! How strong an effect is: the largest free-run error of a validation channel, in noise floors, that it causes once the base model is
 //! refitted without it. What the base parameters can do as well is thus no part of it.
 
-use super::rig::{Truth, scaled, shape};
+use super::rig::{Truth, shape};
 use super::runs::Recorded;
 use identify::fit::{Effort, Fit, fit};
 use identify::identification::IdentifyError;
@@ -158,7 +158,7 @@ pub(super) fn sized(
             if best.as_ref().is_none_or(|(least, _)| off < *least) {
                 best = Some((off, values.clone()));
             }
-            let next = scaled(effect, &values, (wanted / shown).clamp(0.1, 10.0));
+            let next = effect.header().scaled(&values, (wanted / shown).clamp(0.1, 10.0));
             if off < 0.12 || next == values {
                 break;
             }

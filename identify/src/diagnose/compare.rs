@@ -294,9 +294,9 @@ pub(super) fn empirical(
     // no start leads below the reference model: from there on, with terms of no size
     Ok(led.or_else(|| {
         let mut point = search.reference.point.clone();
-        let shapes = best.layout.effects.iter().flat_map(|e| e.header().parameters);
-        let added = best.point.theta[point.theta.len()..].iter().zip(shapes);
-        point.theta.extend(added.map(|(v, p)| if p.size { 0.0 } else { *v }));
+        // the term is the last of the effects: a declared model may carry others
+        let term = best.layout.effects.last()?;
+        point.theta.extend(term.header().scaled(&best.point.theta[point.theta.len()..], 0.0));
         crate::fit::fit(search.problem, &best.layout, point, effort).ok()
     }))
 }

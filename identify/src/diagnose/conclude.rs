@@ -116,6 +116,16 @@ impl Search<'_> {
     /// The nameless term of the balance that explains most, where there is something to explain. `certain`: there is, whether a
     /// term explains it or not. Otherwise the terms' score test, its size, and the data that were left out must agree.
     pub fn nameless(&self, found: &mut Found, certain: bool) -> Result<Option<Step>, SimulationError> {
+        if certain {
+            return self.look_for_nameless(found, true);
+        }
+        if found.convincing.is_none() {
+            found.convincing = Some(self.look_for_nameless(found, false)?);
+        }
+        Ok(found.convincing.clone().flatten())
+    }
+
+    fn look_for_nameless(&self, found: &mut Found, certain: bool) -> Result<Option<Step>, SimulationError> {
         let reference = found.steps[0].clone();
         let nested = self.nested(&reference.fit)?;
         let round = Round::new(&self.brief, &nested, EMPIRICAL.iter().copied())?;

@@ -10,7 +10,7 @@ use super::holdout::HoldOut;
 use super::round::Round;
 use super::{BRIEF_S, CLEAR, Declared, GROSS, LEVEL, LOST, MATERIAL, PREFERRED, Ranked, SHORT_S};
 use crate::colour::{Colour, colours};
-use crate::fit::Fit;
+use crate::fit::{FAR, Fit};
 use crate::identification::covariance_of;
 use crate::misfit::{self, Part};
 use crate::problem::Problem;
@@ -64,6 +64,8 @@ pub(super) struct Found {
     pub ranking: Vec<Ranked>,
     /// The noise: by channel, as the fit that leaves least shows it.
     pub colours: Vec<Colour>,
+    /// Terms without a name that convince by themselves, once they were looked for.
+    pub convincing: Option<Option<Step>>,
 }
 
 impl Found {
@@ -103,6 +105,7 @@ impl<'a> Search<'a> {
     ) -> Self {
         let (clusters, count) = crate::score::clusters(problem);
         let (short, brief) = (problem.shortened(SHORT_S), problem.shortened(BRIEF_S));
+        // far from the noise the reference model may stand in a false minimum
         let reference = if reference.cost > FAR * problem.targets() as f64 {
             nearer(problem, &[&short, &brief, problem], reference, component)
         } else {
@@ -118,7 +121,7 @@ impl<'a> Search<'a> {
         let colours = colours(self.problem, &residual);
         let held_out = HoldOut::of(self.problem, &fit, &self.clusters)?.residuals();
         let step = Step { fit, names: Vec::new(), residual, held_out, next_experiment: None, disagreement: 0.0 };
-        Ok(Found { steps: vec![step], ranking: Vec::new(), colours })
+        Ok(Found { steps: vec![step], ranking: Vec::new(), colours, convincing: None })
     }
 
     /// A fitted model as a step, with what it is worth on data that were left out.
@@ -227,7 +230,5 @@ impl<'a> Search<'a> {
     }
 }
 
-/// Cost a target (noise alone: 1) from which the reference model's fit may be a false minimum.
-const FAR: f64 = 10.0;
 /// Standard errors (by clusters) by which data that were left out must be predicted better.
 const HELD: f64 = 2.0;

@@ -5,12 +5,15 @@
 
 use std::path::Path;
 
+use identify::analysis::Analysis;
+use identify::diagnose::{Diagnosis, Verdict};
+use identify::fit::Fit;
 use identify::identification::Loaded;
 use identify::layout::Layout;
 use identify::prepare::{Channel, stretches};
-use identify::problem::Problem;
+use identify::problem::{Point, Problem};
 use model::Parameters;
-use model::effects::{Effect, EffectSet};
+use model::effects::{Balance, Effect, EffectSet, find};
 use model::integrate::Integrator;
 use model::rec::{self, Circuit, Input, Lever, STATES, state};
 use rand::SeedableRng;
@@ -36,18 +39,7 @@ pub fn dynamic(
     let mut x = vec![0.0; STATES + effects.states];
     x[state::PRESSURE1] = 2.8;
     x[state::PRESSURE2] = 2.8;
-    let mut r = Recording {
-        time_s: vec![],
-        voltage_v: vec![],
-        angle_deg: vec![],
-        pressure1_bar: vec![],
-        pressure2_bar: vec![],
-        torque_nm: vec![],
-        volume_ml: vec![],
-        brake_open: vec![],
-        bypass_open: vec![],
-        segment: vec![],
-    };
+    let mut r = Recording::default();
     let integrator = Integrator::new(0.5e-3);
     let mut scratch = x.clone();
     let levels = [9.0, -14.0, 20.0, -21.0, 4.0, -8.0, 16.0, -18.0, 12.0, -3.0, 21.0, -12.0];
@@ -125,4 +117,45 @@ pub fn campaign(dir: &Path, runs: &[(&str, Role, Recording)]) -> Loaded {
         Campaign { dir: dir.to_owned(), name: "made by the model".into(), rig, runs: runs.iter().map(entry).collect() };
     campaign.write_toml().unwrap();
     Loaded::read(dir).unwrap()
+}
+
+/// The true values as if a fit had found them, with effects.
+pub fn fit_at(truth: &Parameters, effects: &[(&str, &[f64])]) -> Fit {
+    let mut layout = Layout::base(truth);
+    let mut theta = layout.vector_of(truth);
+    for (id, values) in effects {
+        layout = layout.with(find(id).unwrap());
+        theta.extend_from_slice(values);
+    }
+    Fit { layout, point: Point { theta, initial: Vec::new() }, cost: 1.0, converged: true }
+}
+
+/// A diagnosis with this verdict that names nothing yet.
+pub fn diagnosis(verdict: Verdict, after: &Fit) -> Diagnosis {
+    Diagnosis {
+        verdict,
+        effects: Vec::new(),
+        ranking: Vec::new(),
+        balances: Balance::ALL.into_iter().map(|b| (b, 0.0005)).collect(),
+        after: after.clone(),
+        parts_before: Vec::new(),
+        parts_after: Vec::new(),
+        explained: 1.0,
+        next_experiment: None,
+    }
+}
+
+/// Figures that show something under anchors of their own, tables with a cell a column.
+pub fn check_report(analysis: &Analysis) {
+    let mut ids: Vec<&str> = analysis.figures.iter().map(|f| f.id.as_str()).collect();
+    ids.sort_unstable();
+    ids.dedup();
+    assert_eq!(ids.len(), analysis.figures.len(), "every figure has an anchor of its own");
+    for f in &analysis.figures {
+        assert!(f.series.iter().all(|s| s.x.len() == s.y.len()), "{}", f.id);
+        assert!(f.series.iter().any(|s| s.y.iter().any(|v| v.is_finite())), "{} shows nothing", f.id);
+    }
+    for t in &analysis.tables {
+        assert!(t.rows.iter().all(|r| r.len() == t.columns.len()), "{}: {:?}", t.title, t.rows);
+    }
 }

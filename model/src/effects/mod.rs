@@ -154,6 +154,14 @@ pub struct Header {
     pub passive: bool,
 }
 
+impl Header {
+    /// Values with all sizes times `factor`, within their bounds; shapes as they are.
+    pub fn scaled(&self, values: &[f64], factor: f64) -> Vec<f64> {
+        let each = self.parameters.iter().zip(values);
+        each.map(|(p, v)| if p.size { (v * factor).clamp(p.lower, p.upper) } else { *v }).collect()
+    }
+}
+
 /// An effect's equation, generic over the scalar.
 pub trait Law: Sync + 'static {
     /// What is known of it.

@@ -94,11 +94,6 @@ fn with_rest_states(input: &Input, k: &[f64], effects: &EffectSet<f64>, plant: &
     x
 }
 
-/// The start with its sizes at 0.
-fn without_size(header: &Header, start: &[f64]) -> Vec<f64> {
-    header.parameters.iter().zip(start).map(|(p, v)| if p.size { 0.0 } else { *v }).collect()
-}
-
 /// Starts, the typical values, and every corner of the bounds.
 fn parameter_vectors(header: &Header) -> Vec<Vec<f64>> {
     let mut all: Vec<Vec<f64>> = header.starts.iter().map(|s| s.to_vec()).collect();
@@ -182,7 +177,7 @@ fn without_size_an_effect_leaves_the_base_model_to_the_bit() {
     for effect in all() {
         let h = effect.header();
         for start in h.starts {
-            let effects = set(*effect, &without_size(h, start));
+            let effects = set(*effect, &h.scaled(start, 0.0));
             for input in inputs(&mut rng) {
                 let plant = state(&mut rng);
                 let t = rng.random_range(0.0..60.0);

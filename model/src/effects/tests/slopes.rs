@@ -102,7 +102,7 @@ fn the_derivative_by_size_exists_at_zero() {
     let constants: Vec<Tangent> = base.iter().map(|v| Tangent::constant(*v)).collect();
     for effect in all() {
         let h = effect.header();
-        let zero = without_size(h, h.starts[0]);
+        let zero = h.scaled(h.starts[0], 0.0);
         for input in inputs(&mut rng) {
             let plant = state(&mut rng);
             let own: Vec<f64> = (0..h.states).map(|_| rng.random_range(0.1..0.9)).collect();
