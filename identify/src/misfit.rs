@@ -74,13 +74,21 @@ fn weight(part: &Part) -> f64 {
     if part.free { 1.0 } else { 0.04 }
 }
 
-/// Largest structured residual that is more than noise, in units of the noise of one sample (RMS), weighted.
+/// The largest structured residual that is more than noise, by its weight.
+pub fn leading(parts: &[Part]) -> Option<&Part> {
+    parts.iter().filter(|p| p.significance > 5.0).max_by(|a, b| weighted(a).total_cmp(&weighted(b)))
+}
+
+/// How large that is, in units of the noise of one sample (RMS), weighted.
 pub fn largest(parts: &[Part]) -> f64 {
-    let rms = |p: &Part| (weight(p) * p.structured.max(0.0)).sqrt();
-    parts.iter().filter(|p| p.significance > 5.0).map(rms).fold(0.0, f64::max)
+    leading(parts).map_or(0.0, |p| weighted(p).sqrt())
+}
+
+fn weighted(part: &Part) -> f64 {
+    weight(part) * part.structured.max(0.0)
 }
 
 /// Sum of the structured mean squares, weighted.
 pub fn total(parts: &[Part]) -> f64 {
-    parts.iter().map(|p| weight(p) * p.structured.max(0.0)).sum()
+    parts.iter().map(weighted).sum()
 }

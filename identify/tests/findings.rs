@@ -12,6 +12,8 @@ use identify::diagnose::{Added, Ranked, Verdict};
 use identify::findings::{Candidate, Findings, ranking};
 use identify::fit::Fit;
 use identify::identification::{Characteristics, Identified};
+use identify::misfit::Part;
+use identify::prepare::Channel;
 use identify::validate::{ValidatedRun, prepare_validation};
 use model::Parameters;
 use model::effects::empirical::EMPIRICAL;
@@ -118,8 +120,8 @@ fn a_set_s_probability_counts_for_each_of_its_members() {
     assert_eq!(ranking(&[set("tilt", f64::NAN)]), [Candidate { id: "tilt".into(), probability: 0.0 }]);
 }
 
-/// A campaign with a pump lag as it stands after a diagnosis with this verdict.
-fn diagnosed(dir: &Path, verdict: Verdict, id: &str, values: &[f64]) -> Analysis {
+/// A campaign with a pump lag as it stands after a diagnosis with this verdict that leaves this.
+fn diagnosed(dir: &Path, verdict: Verdict, id: &str, values: &[f64], left: &[Part]) -> Analysis {
     let truth = Parameters::example();
     let lag = Some((find("pump_lag").unwrap(), vec![0.012]));
     let fitted = dynamic(&truth, lag.clone(), 10.0, 1);
@@ -137,6 +139,7 @@ fn diagnosed(dir: &Path, verdict: Verdict, id: &str, values: &[f64]) -> Analysis
     let mut d = diagnosis(verdict, &after);
     d.ranking = vec![Ranked { id: id.to_string(), probability: 1.0 }];
     d.effects.push(found);
+    d.parts_after = left.to_vec();
     let identified = Identified {
         problem,
         fit,
@@ -152,7 +155,7 @@ fn diagnosed(dir: &Path, verdict: Verdict, id: &str, values: &[f64]) -> Analysis
 #[test]
 fn an_attributed_effect_is_in_the_model_the_findings_and_the_report() {
     let dir = tempfile::tempdir().unwrap();
-    let analysis = diagnosed(dir.path(), Verdict::Attributed, "pump_lag", &[0.012]);
+    let analysis = diagnosed(dir.path(), Verdict::Attributed, "pump_lag", &[0.012], &[]);
     check_report(&analysis);
     let findings = analysis.findings.as_ref().unwrap();
     assert_eq!(analysis.model.effect.len(), 1);
@@ -191,8 +194,29 @@ fn terms_without_a_name_are_no_part_of_the_model_file_but_are_drawn() {
 #[test]
 fn candidates_that_can_t_be_told_apart_are_claimed_nowhere() {
     let dir = tempfile::tempdir().unwrap();
-    let analysis = diagnosed(dir.path(), Verdict::Ambiguous, "pump_lag", &[0.012]);
+    let analysis = diagnosed(dir.path(), Verdict::Ambiguous, "pump_lag", &[0.012], &[]);
     check_report(&analysis);
     assert!(analysis.model.effect.is_empty() && analysis.findings.as_ref().unwrap().effects.is_empty());
     assert!(analysis.headline[0].contains("can't tell"));
+}
+
+#[test]
+fn what_a_named_effect_leaves_is_said_where_it_is_more_than_noise() {
+    let left = |channel, structured, significance| Part {
+        run: 0,
+        protocol: None,
+        free: true,
+        channel,
+        structured,
+        significance,
+    };
+    let said = |left: &[Part]| {
+        let dir = tempfile::tempdir().unwrap();
+        let analysis = diagnosed(dir.path(), Verdict::Attributed, "pump_lag", &[0.012], left);
+        analysis.headline.iter().find(|line| line.starts_with("Not all is explained")).cloned()
+    };
+    let (small, noise) = (left(Channel::Angle, 0.04, 50.0), left(Channel::Pressure1, 9.0, 4.0));
+    assert_eq!(said(&[small.clone(), noise.clone()]), None);
+    let line = said(&[small, noise, left(Channel::Pressure2, 2.25, 6.0)]).unwrap();
+    assert!(line.contains("pressure2_bar of a.csv") && line.contains("1.5 noise floors"), "{line}");
 }

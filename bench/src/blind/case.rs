@@ -4,6 +4,7 @@ use super::judge::{Acting, Outcome, Said};
 use super::plan::Kind;
 use super::rig::Rig;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 
 /// Everything that is known of a case afterwards.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -85,6 +86,34 @@ pub struct Seconds {
 }
 
 impl Case {
+    /// How strong the effect is that shows least, noise floors: the largest validation error of the best model without it. That is the one
+    /// fitted from the true values on, or the one that the identification or the diagnosis found, where that fits what was recorded
+    /// better: the other one then ended in a false minimum.
+    pub fn least_strength(&self) -> f64 {
+        let each = (0..self.acting.len()).map(|n| {
+            let acting = &self.acting[n];
+            let (found, error) = self.found_without(n);
+            match (error, found, acting.cost) {
+                (Some(error), Some(found), Some(cost)) if found < cost => error,
+                _ => acting.strength,
+            }
+        });
+        each.fold(f64::INFINITY, f64::min)
+    }
+
+    /// Cost and largest validation error of a model without one effect, but with all others, that was found on the way.
+    fn found_without(&self, n: usize) -> (Option<f64>, Option<f64>) {
+        let named: BTreeSet<&str> = self.said.iter().flat_map(|s| &s.effects).map(|e| e.id.as_str()).collect();
+        let others: BTreeSet<&str> =
+            self.acting.iter().enumerate().filter(|(k, _)| *k != n).map(|(_, a)| a.id.as_str()).collect();
+        let Figures { before, after, cost_identified, cost_after, .. } = self.figures;
+        match () {
+            () if others.is_empty() => (cost_identified, before),
+            () if others == named => (cost_after, after),
+            () => (None, None),
+        }
+    }
+
     /// One line: truth, strength, verdict, effects found, probability, errors, time.
     pub fn line(&self) -> String {
         let sealed: Vec<String> = self.acting.iter().map(|a| format!("{} {:.1}", a.form, a.strength)).collect();
@@ -113,5 +142,61 @@ impl Case {
             record + measure,
             identify + diagnose,
         )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::judge::Named;
+    use super::*;
+
+    fn acting(id: &str, strength: f64, cost: f64) -> Acting {
+        let (id, form, balance) = (id.to_owned(), id.to_owned(), "flow".to_owned());
+        Acting { id, balance, form, parameters: Default::default(), strength, cost: Some(cost) }
+    }
+
+    fn case(acting: Vec<Acting>, named: &[&str], figures: Figures) -> Case {
+        let effects = named.iter().map(|id| Named {
+            id: (*id).to_owned(),
+            balance: "flow".to_owned(),
+            probability: 1.0,
+            equivalent: Vec::new(),
+        });
+        Case {
+            case: 0,
+            kind: Kind::Weak,
+            attempt: 0,
+            rig: crate::blind::rig::draw(1, 0, 0),
+            rig_seconds: 0.0,
+            acting,
+            strength: f64::NAN,
+            said: Some(Said { verdict: "attributed".to_owned(), effects: effects.collect() }),
+            error: None,
+            outcome: Outcome::Missed,
+            figures,
+            seconds: Seconds::default(),
+        }
+    }
+
+    #[test]
+    fn an_effect_is_as_strong_as_the_best_model_without_it_is_wrong() {
+        let found = |cost_identified| Figures {
+            before: Some(1.02),
+            cost_identified: Some(cost_identified),
+            ..Figures::default()
+        };
+        let of = |cost| case(vec![acting("tilt", 2.3, 11.0)], &[], found(cost)).least_strength();
+        assert_eq!(of(11.5), 2.3, "the identification found nothing better");
+        assert_eq!(of(2.1), 1.02);
+    }
+
+    #[test]
+    fn of_two_the_one_that_shows_least_counts() {
+        let pair = || vec![acting("tilt", 6.0, 8.0), acting("end_stop", 5.0, 9.0)];
+        let found = || Figures { after: Some(1.1), cost_after: Some(3.0), ..Figures::default() };
+        assert_eq!(case(pair(), &[], found()).least_strength(), 5.0);
+        assert_eq!(case(pair(), &["tilt"], found()).least_strength(), 1.1, "without end_stop all is explained");
+        assert_eq!(case(pair(), &["backlash"], found()).least_strength(), 5.0, "a wrong name says nothing of either");
+        assert_eq!(case(pair(), &["tilt", "end_stop"], found()).least_strength(), 5.0);
     }
 }

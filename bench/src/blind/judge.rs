@@ -39,6 +39,9 @@ pub struct Acting {
     pub parameters: std::collections::BTreeMap<String, f64>,
     /// Noise floors, with the other effects of the case in the model.
     pub strength: f64,
+    /// Cost a target (1 = noise alone) of the fit that shows it: the model with the other effects, from the true values on.
+    #[serde(default)]
+    pub cost: Option<f64>,
 }
 
 /// What the verdict turned out to be.
@@ -141,6 +144,7 @@ mod tests {
             form: id.to_string(),
             parameters: Default::default(),
             strength: 5.0,
+            cost: None,
         };
         ids.iter().map(one).collect()
     }

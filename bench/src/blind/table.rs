@@ -65,12 +65,15 @@ enum Row {
     Clear,
     /// Above.
     Gross,
+    /// Both show.
     Pair,
+    /// One of the two does not: below 2.
+    HalfPair,
     Outside,
 }
 
 impl Row {
-    const ALL: [(Row, &'static str); 8] = [
+    const ALL: [(Row, &'static str); 9] = [
         (Row::None, "no effect"),
         (Row::Faint, "single below 2"),
         (Row::Weak, "single 2..3"),
@@ -78,15 +81,17 @@ impl Row {
         (Row::Clear, "single 4..8"),
         (Row::Gross, "single above 8"),
         (Row::Pair, "pair"),
+        (Row::HalfPair, "pair, one below 2"),
         (Row::Outside, "outside"),
     ];
 
     fn of(case: &Case) -> Row {
         match case.kind {
             Kind::None => Row::None,
+            Kind::Pair if case.least_strength() < 2.0 => Row::HalfPair,
             Kind::Pair => Row::Pair,
             Kind::Outside => Row::Outside,
-            Kind::Weak | Kind::Clear | Kind::Gross => match case.strength {
+            Kind::Weak | Kind::Clear | Kind::Gross => match case.least_strength() {
                 s if s < 2.0 => Row::Faint,
                 s if s <= 3.0 => Row::Weak,
                 s if s < 4.0 => Row::Middle,
@@ -154,9 +159,6 @@ impl Target {
     }
 }
 
-/// Strength from which on an effect counts as clear, noise floors.
-const CLEAR: f64 = 4.0;
-
 /// The targets with what was seen.
 pub fn targets(cases: &[Case]) -> Vec<Target> {
     let right = |c: &Case| c.outcome == Outcome::Right;
@@ -168,12 +170,7 @@ pub fn targets(cases: &[Case]) -> Vec<Target> {
     let target = |what, share, bound, at_most| Target { what, share, bound, at_most };
     vec![
         target("false alarms without effect", Share::of(of(&[Row::None]), |c| !right(c)), 0.01, true),
-        target(
-            "right class, 4 noise floors or more",
-            Share::of(of(&[Row::Clear, Row::Gross]), |c| c.strength >= CLEAR && right(c)),
-            0.95,
-            false,
-        ),
+        target("right class, 4 noise floors or more", Share::of(of(&[Row::Clear, Row::Gross]), right), 0.95, false),
         target("right class, 2 to 3 noise floors", Share::of(of(&[Row::Weak]), right), 0.70, false),
         target(
             "of the others of 2 to 3: ambiguous or none",

@@ -167,14 +167,15 @@ fn fill(out: &mut Case, Sealed { truth, recorded, without }: &Sealed) -> Result<
     let with = if truth.effects.is_empty() { base.clone() } else { yardstick.best_fit(truth, |_| true)? };
     let (of_base, of_truth) = (yardstick.errors(&base)?, yardstick.errors(&with)?);
     out.strength = largest(&of_base);
+    let mut lacking = Vec::new();
     for (number, (effect, values)) in truth.effects.iter().enumerate() {
-        let strength = if truth.effects.len() == 1 {
-            out.strength
-        } else {
-            let fit = without.get(number).cloned().map_or_else(|| yardstick.best_fit(truth, |n| n != number), Ok)?;
-            largest(&yardstick.errors(&fit)?)
+        let fit = match (truth.effects.len(), without.get(number)) {
+            (1, _) => base.clone(),
+            (_, Some(known)) => known.clone(),
+            (_, None) => yardstick.best_fit(truth, |n| n != number)?,
         };
-        out.acting.push(acting(*effect, values, strength));
+        out.acting.push(acting(*effect, values, largest(&yardstick.errors(&fit)?)));
+        lacking.push(fit);
     }
     out.figures.truth = Some(most(&of_truth));
     out.seconds.measure = lap();
@@ -194,6 +195,7 @@ fn fill(out: &mut Case, Sealed { truth, recorded, without }: &Sealed) -> Result<
     out.figures.cost_identified = cost(&identified.fit);
     out.figures.cost_after = cost(&diagnosis.after);
     out.figures.cost_base = cost(&base);
+    out.acting.iter_mut().zip(&lacking).for_each(|(acting, fit)| acting.cost = cost(fit));
     out.figures.cost_truth = cost(&with);
     out.figures.residual_before = Some(misfit::largest(&diagnosis.parts_before));
     out.figures.residual_after = Some(misfit::largest(&diagnosis.parts_after));
@@ -268,6 +270,7 @@ fn acting(effect: &dyn Effect, values: &[f64], strength: f64) -> Acting {
         form: header.id.to_owned(),
         parameters,
         strength,
+        cost: None,
     }
 }
 

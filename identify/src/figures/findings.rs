@@ -13,6 +13,7 @@ pub(super) fn headline(subject: &Subject) -> Vec<String> {
         Some(d) => verdict(d),
     }];
     out.extend(errors(subject));
+    out.extend(left_over(subject));
     out.extend(contradicted(subject));
     out.push(summary::parameters(subject));
     out.push(summary::checks(subject));
@@ -88,6 +89,21 @@ fn worst(subject: &Subject, after: bool) -> Option<(f64, String, &'static str)> 
         Some((score.rmse / c.noise_floor, run.prepared.file.clone(), score.channel.column()))
     });
     ratios.filter(|(r, ..)| r.is_finite()).max_by(|a, b| a.0.total_cmp(&b.0))
+}
+
+/// What the named effects leave where it is more than a matter of their form: the largest part of it.
+fn left_over(subject: &Subject) -> Option<String> {
+    let diagnosis = subject.diagnosis.filter(|d| d.verdict == Verdict::Attributed)?;
+    let part = misfit::leading(&diagnosis.parts_after)?;
+    let by_itself = misfit::largest(std::slice::from_ref(part));
+    (by_itself >= CONSISTENT).then(|| {
+        format!(
+            "Not all is explained: {} of {} still shows {} noise floors that are no noise, in the run that was fitted.",
+            part.channel.column(),
+            subject.loaded.runs[part.run].entry.file,
+            number(part.structured.sqrt(), 3)
+        )
+    })
 }
 
 /// Free-run error from which a validation run contradicts a model that explains the runs it was fitted to, noise floors: what is
