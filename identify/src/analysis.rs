@@ -120,6 +120,8 @@ pub fn analyse_from(
         let effort = Effort { iterations: 20, tolerance: 1e-6, promise: PROMISE, ..Effort::default() };
         let refitted = declared.refit(&identified.problem, &identified.fit, effort);
         identified.fit = refitted.map_err(simulation("the identify runs with the declared effects"))?;
+        // the derivatives are those of the model without the effects
+        identified.linear = None;
         progress("joint fit with the declared effects");
     }
     let diagnosis = match (depth, declared) {

@@ -9,7 +9,8 @@ use std::path::Path;
 use common::{
     ANGLE_NOISE_DEG, PRESSURE_NOISE_BAR, campaign, check_report, diagnosis, dynamic, fit_at, layout, problem,
 };
-use identify::analysis::{Analysis, Depth, analyse, analyse_as};
+use identify::analysis::{Analysis, Depth, analyse, analyse_as, analyse_from};
+use identify::declared::Declared;
 use identify::diagnose::Verdict;
 use identify::findings::Findings;
 use identify::fit::Fit;
@@ -275,4 +276,28 @@ fn a_campaign_without_component_experiments_says_what_it_leaves_open() {
     assert_eq!(ModelFile::read(&written[0]).unwrap(), analysis.model);
     let again = analyse(&loaded, Depth::Identification, &|_| ()).unwrap();
     assert_eq!(again.model.to_toml(), analysis.model.to_toml(), "the same recordings give the same bytes");
+}
+
+#[test]
+fn declared_effects_are_fitted_with_the_base_model_and_no_longer_found() {
+    let truth = Parameters::example();
+    let lag = find("pump_lag").unwrap();
+    let run = |seed| dynamic(&truth, Some((lag, vec![0.012])), 20.0, seed);
+    let dir = tempfile::tempdir().unwrap();
+    let runs =
+        [("a.csv", Role::Identify, run(41)), ("b.csv", Role::Identify, run(42)), ("c.csv", Role::Validate, run(43))];
+    let loaded = campaign(dir.path(), &runs);
+    let declared = Declared { parameters: truth, effects: vec![(lag, vec![0.006])] };
+    for depth in [Depth::Identification, Depth::Diagnosis] {
+        let form = TorqueForm::SecondEquation;
+        let analysis = analyse_from(&loaded, depth, form, Some(&declared), &|_| ()).unwrap();
+        check_report(&analysis);
+        assert_eq!(analysis.model.effect.len(), 1, "{:?}", analysis.headline);
+        let tau = analysis.model.effect[0].parameters["tau"];
+        assert!((tau - 0.012).abs() < 2e-4, "{tau}");
+        for compared in analysis.validation[0].compared() {
+            assert!(compared.before.rmse < 1.1 * compared.noise_floor, "{compared:?}");
+        }
+        assert!(analysis.diagnosis.is_none_or(|d| d.verdict == Verdict::None && d.effects.is_empty()));
+    }
 }
