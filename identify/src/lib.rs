@@ -31,6 +31,7 @@ pub mod refit;
 pub mod report;
 pub mod sandwich;
 pub mod score;
+pub mod shapes;
 pub mod significance;
 pub mod simplify;
 pub mod smoothing;

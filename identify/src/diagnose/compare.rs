@@ -7,13 +7,14 @@ use model::integrate::SimulationError;
 use super::holdout::HoldOut;
 use super::round::Round;
 use super::search::Search;
-use super::{PREFERRED, Ranked, SECOND};
+use super::{MATERIAL, PREFERRED, Ranked, SECOND};
 use crate::colour::{Colour, colours};
 use crate::fit::{Effort, Fit};
 use crate::misfit;
 use crate::problem::{Point, Problem};
 use crate::refit::{Bases, Refit, advantage, refit};
 use crate::score::Direction;
+use crate::shapes;
 
 /// Share of one effect's direction that another's hold from which on they look alike: an angle of less than 18 degrees.
 const ALIKE: f64 = 0.9;
@@ -66,10 +67,26 @@ pub(super) fn refit_all(
         }
     }
     out.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
+    let gain = before - out.first().map_or(before, |r| r.fit.cost);
+    for r in out.iter_mut().take(SHAPED).filter(|r| before - r.fit.cost > HALF * gain) {
+        if !is_noise(problem, &r.fit) {
+            r.fit = shapes::search(problem, r.fit.clone(), HEATS[2].effort());
+        }
+    }
+    out.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
     for r in &out {
         progress(&format!("{} refitted: cost {:.0} from {before:.0}", r.added.join(" + "), r.fit.cost));
     }
     out
+}
+
+/// So many of the best candidates are given other shapes where theirs leave more than noise: they may be caught in a false minimum.
+const SHAPED: usize = 3;
+
+/// A fit leaves nothing that matters.
+fn is_noise(problem: &Problem, fit: &Fit) -> bool {
+    let left = problem.residuals(&fit.layout, &fit.point);
+    left.is_ok_and(|r| misfit::largest(&misfit::parts(problem, &r, &colours(problem, &r))) < MATERIAL)
 }
 
 /// A heat of [`refit_all`].

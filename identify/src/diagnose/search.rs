@@ -15,6 +15,7 @@ use crate::identification::covariance_of;
 use crate::misfit::{self, Part};
 use crate::problem::Problem;
 use crate::refit::{Bases, Refit, advantage};
+use crate::shapes;
 
 /// What stays the same throughout.
 pub(super) struct Search<'a> {
@@ -217,7 +218,9 @@ impl<'a> Search<'a> {
         let removed = (before - misfit::total(&found.parts(self.problem, step))).max(0.0).sqrt();
         let (_, better) = advantage(&last.residual, &step.residual, &self.clusters, self.count);
         let (held, held_better) = advantage(&last.held_out, &step.held_out, &self.clusters, self.count);
-        let covariance = covariance_of(self.problem, &step.fit)?;
+        // whether it is there: with its shapes as they are, for sizes trade places with them (a laminar leak with its transition, say)
+        let shaped = Fit { layout: shapes::held(&step.fit.layout), ..step.fit.clone() };
+        let covariance = covariance_of(self.problem, &shaped)?;
         let position = |id: &str| step.fit.layout.effects.iter().position(|e| e.header().id == id);
         let sound = best.added.iter().all(|id| position(id).is_some_and(|n| is_sound(&step.fit, &covariance, n)));
         let disagreement = step.disagreement;

@@ -1,0 +1,54 @@
+//! Effects whose shapes a fit can't follow down a slope, and whose sizes trade places with them.
+
+#![allow(clippy::unwrap_used, reason = "a test may end where something is not as expected")]
+
+mod common;
+
+use common::{dynamic, layout, problem};
+use identify::fit::{Effort, Fit, fit};
+use identify::identification::covariance_of;
+use identify::shapes;
+use model::Parameters;
+use model::effects::find;
+
+#[test]
+fn a_shape_far_from_its_place_is_found_by_trial() {
+    let truth = Parameters::example();
+    for (id, sealed, start) in
+        [("elastic_hysteresis", [1.5, 0.3], [0.1, 0.02]), ("pressure_friction", [1.0, 0.1], [0.1, 0.002])]
+    {
+        let effect = find(id).unwrap();
+        let problem = problem(&[dynamic(&truth, Some((effect, sealed.to_vec())), 20.0, 51)]);
+        let with = layout(&truth).with(effect);
+        let mut point = problem.point(layout(&truth).vector_of(&truth));
+        point.theta.extend(start);
+        let targets = problem.targets() as f64;
+        let stuck = fit(&problem, &with, point, Effort::default()).unwrap();
+        assert!(stuck.cost > 1.3 * targets, "{id}: no slope leads there: {}", stuck.cost / targets);
+        let found = shapes::search(&problem, stuck, Effort::default());
+        assert!(found.cost < 1.1 * targets, "{id}: {}", found.cost / targets);
+        let values = &found.point.theta[found.layout.first_of(0)..];
+        for (v, s) in values.iter().zip(sealed) {
+            assert!((v / s - 1.0).abs() < 0.1, "{id}: {values:?}");
+        }
+        assert!(found.layout.held.is_empty(), "{id}: the shapes are free again");
+    }
+}
+
+/// Of an all but laminar leak k/sqrt(d) is known: that there is a leak is certain, what k and d are is not.
+#[test]
+fn a_size_that_trades_places_with_its_shape_is_certain_once_that_is_held() {
+    let truth = Parameters::example();
+    let leak = find("cross_leakage").unwrap();
+    let values = vec![2.0, 15.0];
+    let problem = problem(&[dynamic(&truth, Some((leak, values.clone())), 20.0, 51)]);
+    let with = layout(&truth).with(leak);
+    let mut point = problem.point(layout(&truth).vector_of(&truth));
+    point.theta.extend(&values);
+    let at = fit(&problem, &with, point, Effort::default()).unwrap();
+    let k = at.layout.first_of(0);
+    let std = |fit: &Fit| covariance_of(&problem, fit).unwrap()[(k, k)].sqrt();
+    let (free, held) = (std(&at), std(&Fit { layout: shapes::held(&at.layout), ..at.clone() }));
+    assert!(held < 0.05 * at.point.theta[k], "{held} of {}", at.point.theta[k]);
+    assert!(free > 5.0 * held, "{free} {held}");
+}
