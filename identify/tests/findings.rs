@@ -178,7 +178,7 @@ fn an_attributed_effect_is_in_the_model_the_findings_and_the_report() {
 fn terms_without_a_name_are_no_part_of_the_model_file_but_are_drawn() {
     let dir = tempfile::tempdir().unwrap();
     let terms = EMPIRICAL[2].header().parameters.len();
-    let analysis = diagnosed(dir.path(), Verdict::Unrecognised, "empirical_pump", &vec![0.02; terms]);
+    let analysis = diagnosed(dir.path(), Verdict::Unrecognised, "empirical_pump", &vec![0.02; terms], &[]);
     check_report(&analysis);
     assert!(analysis.model.effect.is_empty());
     let truth = Parameters::example();
@@ -218,5 +218,5 @@ fn what_a_named_effect_leaves_is_said_where_it_is_more_than_noise() {
     let (small, noise) = (left(Channel::Angle, 0.04, 50.0), left(Channel::Pressure1, 9.0, 4.0));
     assert_eq!(said(&[small.clone(), noise.clone()]), None);
     let line = said(&[small, noise, left(Channel::Pressure2, 2.25, 6.0)]).unwrap();
-    assert!(line.contains("pressure2_bar of a.csv") && line.contains("1.5 noise floors"), "{line}");
+    assert!(line.contains("pressure2_bar of a.csv") && line.contains("1.50 noise floors"), "{line}");
 }

@@ -70,10 +70,15 @@ enum Row {
     /// One of the two does not: below 2.
     HalfPair,
     Outside,
+    /// Of any kind: the recordings do not determine what their validation needs (it opens a bypass that they don't, say).
+    Undetermined,
 }
 
+/// Largest validation error of the true effects, fitted, up to which a campaign determines what its validation needs; noise floors.
+const PREDICTED: f64 = 2.0;
+
 impl Row {
-    const ALL: [(Row, &'static str); 9] = [
+    const ALL: [(Row, &'static str); 10] = [
         (Row::None, "no effect"),
         (Row::Faint, "single below 2"),
         (Row::Weak, "single 2..3"),
@@ -83,10 +88,12 @@ impl Row {
         (Row::Pair, "pair"),
         (Row::HalfPair, "pair, one below 2"),
         (Row::Outside, "outside"),
+        (Row::Undetermined, "truth's form above 2"),
     ];
 
     fn of(case: &Case) -> Row {
         match case.kind {
+            _ if case.figures.truth.is_some_and(|error| error > PREDICTED) => Row::Undetermined,
             Kind::None => Row::None,
             Kind::Pair if case.least_strength() < 2.0 => Row::HalfPair,
             Kind::Pair => Row::Pair,
