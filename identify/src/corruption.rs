@@ -51,13 +51,16 @@ pub fn clean(r: &mut Recording, protocol: Protocol) -> Corruption {
     };
     let half = ((WINDOW_S / spacing_s).round() as usize).clamp(*WINDOW.start(), *WINDOW.end());
     let segment = &r.segment;
+    // a lever in a clamp stands still as it should, on one step of its encoder if it happens to
+    let clamped =
+        matches!(protocol, Protocol::TorqueMap | Protocol::VolumeMap | Protocol::PumpMap | Protocol::ClampSteps);
     for (channel, values) in [
         (Channel::Angle, &mut r.angle_deg),
         (Channel::Pressure1, &mut r.pressure1_bar),
         (Channel::Pressure2, &mut r.pressure2_bar),
         (Channel::Torque, &mut r.torque_nm),
     ] {
-        let still = standing_still(values, segment);
+        let still = if channel == Channel::Angle && clamped { Vec::new() } else { standing_still(values, segment) };
         found.still[channel.index()] = take_out(values, still);
         let spikes = spikes(values, half);
         found.spikes[channel.index()] = take_out(values, spikes);
@@ -279,6 +282,31 @@ mod tests {
                 let half = if rate_hz > 500.0 { 5 } else { 3 };
                 assert_eq!(spikes(&values, half).len(), 0, "{rate_hz} Hz, steps of {step}");
             }
+        }
+    }
+
+    #[test]
+    fn a_lever_in_a_clamp_may_stand_still() {
+        // three angles; the second one lies in the middle of an encoder's step, so that the noise shows at the others alone
+        let step = 0.02;
+        let noise = |i: usize| ((i * 7919) % 13) as f64 - 6.0;
+        let angle = |i: usize| match i / 1000 {
+            1 => 0.0,
+            n => 10.0 * (n as f64 - 1.0) + step * noise(i),
+        };
+        for (protocol, still) in [(Protocol::TorqueMap, 0), (Protocol::RandomSteps, 1000)] {
+            let rows = 3000;
+            let mut r = Recording {
+                time_s: (0..rows).map(|i| i as f64 * 1e-3).collect(),
+                angle_deg: (0..rows).map(angle).collect(),
+                pressure1_bar: vec![f64::NAN; rows],
+                pressure2_bar: vec![f64::NAN; rows],
+                torque_nm: vec![f64::NAN; rows],
+                volume_ml: vec![f64::NAN; rows],
+                segment: (0..rows).map(|i| (i / 1000) as i64).collect(),
+                ..Recording::default()
+            };
+            assert_eq!(clean(&mut r, protocol).still[Channel::Angle.index()], still, "{protocol:?}");
         }
     }
 
