@@ -3,7 +3,7 @@
 use super::judge::{Acting, Outcome, Said};
 use super::plan::Kind;
 use super::rig::Rig;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeSet;
 
 /// Everything that is known of a case afterwards.
@@ -21,7 +21,9 @@ pub struct Case {
     pub rig_seconds: f64,
     /// The sealed effects.
     pub acting: Vec<Acting>,
-    /// Largest validation error that all of them together cause after a refit of the base model, noise floors.
+    /// Largest validation error that all of them together cause after a refit of the base model, noise floors; `NaN` (`null` in the file)
+    /// where the case failed before.
+    #[serde(deserialize_with = "or_nan")]
     pub strength: f64,
     /// What the diagnosis said; `None` where it ended with an error.
     pub said: Option<Said>,
@@ -145,6 +147,10 @@ impl Case {
     }
 }
 
+fn or_nan<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+    Ok(Option::deserialize(from)?.unwrap_or(f64::NAN))
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::judge::Named;
@@ -198,5 +204,13 @@ mod tests {
         assert_eq!(case(pair(), &["tilt"], found()).least_strength(), 1.1, "without end_stop all is explained");
         assert_eq!(case(pair(), &["backlash"], found()).least_strength(), 5.0, "a wrong name says nothing of either");
         assert_eq!(case(pair(), &["tilt", "end_stop"], found()).least_strength(), 5.0);
+    }
+
+    #[test]
+    fn a_case_that_failed_is_read_back() {
+        let written = serde_json::to_string(&case(Vec::new(), &[], Figures::default())).expect("plain values");
+        assert!(written.contains(r#""strength":null"#), "{written}");
+        let read: Case = serde_json::from_str(&written).expect("what was written");
+        assert!(read.strength.is_nan());
     }
 }
