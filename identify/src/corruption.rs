@@ -8,6 +8,7 @@
 //! | reading of the cylinder | far from the straight line of its segment (pump map), from the segment's median (clamp steps) |
 
 use recordings::{Protocol, Recording};
+use std::collections::{BTreeMap, BTreeSet};
 
 use crate::noise::{median, step, white_std};
 use crate::prepare::{Channel, segments};
@@ -51,7 +52,7 @@ pub fn clean(r: &mut Recording, protocol: Protocol) -> Corruption {
     };
     let half = ((WINDOW_S / spacing_s).round() as usize).clamp(*WINDOW.start(), *WINDOW.end());
     let segment = &r.segment;
-    // a lever in a clamp stands still as it should, on one step of its encoder if it happens to
+    // a lever in a clamp stands still as it should for a whole dwell, on one step of its encoder if it happens to
     let clamped =
         matches!(protocol, Protocol::TorqueMap | Protocol::VolumeMap | Protocol::PumpMap | Protocol::ClampSteps);
     for (channel, values) in [
@@ -60,7 +61,11 @@ pub fn clean(r: &mut Recording, protocol: Protocol) -> Corruption {
         (Channel::Pressure2, &mut r.pressure2_bar),
         (Channel::Torque, &mut r.torque_nm),
     ] {
-        let still = if channel == Channel::Angle && clamped { Vec::new() } else { standing_still(values, segment) };
+        let mut still = standing_still(values, segment);
+        if channel == Channel::Angle && clamped {
+            let whole = whole_segments(&still, segment);
+            still.retain(|&i| !whole.contains(&segment[i]));
+        }
         found.still[channel.index()] = take_out(values, still);
         let spikes = spikes(values, half);
         found.spikes[channel.index()] = take_out(values, spikes);
@@ -72,6 +77,18 @@ pub fn clean(r: &mut Recording, protocol: Protocol) -> Corruption {
     };
     found.spikes[Channel::Volume.index()] = take_out(&mut r.volume_ml, readings);
     found
+}
+
+/// Segments all of whose rows are among these.
+fn whole_segments(rows: &[usize], segment: &[i64]) -> BTreeSet<i64> {
+    let count = |of: &mut dyn Iterator<Item = i64>| {
+        let mut counts = BTreeMap::<i64, usize>::new();
+        of.for_each(|s| *counts.entry(s).or_default() += 1);
+        counts
+    };
+    let all = count(&mut segment.iter().copied());
+    let own = count(&mut rows.iter().map(|&i| segment[i]));
+    own.into_iter().filter(|(s, n)| all.get(s) == Some(n)).map(|(s, _)| s).collect()
 }
 
 fn take_out(values: &mut [f64], rows: Vec<usize>) -> usize {
