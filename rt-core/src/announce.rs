@@ -18,6 +18,7 @@ use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::*;
 use iceoryx2::service::port_factory::publish_subscribe;
 
+use crate::leftovers::watched;
 use crate::link::{Ipc, LinkError, MAX_SUBSCRIBERS, patiently};
 use crate::presence::{failed, participant};
 
@@ -46,6 +47,10 @@ struct Header {
 }
 
 fn open(instance: &str) -> Result<(Node<Ipc>, Setups), LinkError> {
+    watched(|| open_watched(instance))
+}
+
+fn open_watched(instance: &str) -> Result<(Node<Ipc>, Setups), LinkError> {
     let (node, name) = participant(instance, "setup")?;
     let service = patiently(|| {
         node.service_builder(&name)

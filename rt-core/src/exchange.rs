@@ -12,6 +12,7 @@ use iceoryx2::port::server::Server;
 use iceoryx2::prelude::*;
 use iceoryx2::service::port_factory::{event, request_response};
 
+use crate::leftovers::watched;
 use crate::link::{Ipc, LinkError, patiently};
 use crate::presence::{failed, participant};
 
@@ -72,6 +73,10 @@ impl<Q: Plain, A: Plain> Answering<Q, A> {
     /// # Errors
     /// A name that is none, another one that answers where only one may, no shared memory.
     pub fn open(instance: &str, kind: Kind) -> Result<Self, LinkError> {
+        watched(|| Self::open_watched(instance, kind))
+    }
+
+    fn open_watched(instance: &str, kind: Kind) -> Result<Self, LinkError> {
         let (node, name, wake_name) = kind.names(instance)?;
         let requests = patiently(|| {
             node.service_builder(&name)
@@ -148,6 +153,10 @@ impl<Q: Plain, A: Plain> Asking<Q, A> {
     /// # Errors
     /// Nobody answers on this instance, or never did.
     pub fn open(instance: &str, kind: Kind) -> Result<Self, LinkError> {
+        watched(|| Self::open_watched(instance, kind))
+    }
+
+    fn open_watched(instance: &str, kind: Kind) -> Result<Self, LinkError> {
         let (node, name, wake_name) = kind.names(instance)?;
         let nobody = || (kind.nobody)(instance.to_owned());
         let requests = node.service_builder(&name).request_response::<Q, A>().open().map_err(|_| nobody())?;

@@ -20,6 +20,7 @@
 //! | [`announce`] | what a run is, told before its first sample |
 //! | [`relay`] | samples that were carried here from another machine |
 //! | [`presence`] | whether anybody publishes |
+//! | `leftovers` | shared memory that killed processes left half made |
 //! | [`link`] | names, sizes and errors of the shared-memory services |
 
 pub mod announce;
@@ -31,6 +32,7 @@ mod exchange;
 pub mod fault;
 pub mod flight;
 mod flow;
+mod leftovers;
 pub mod link;
 pub mod loss;
 pub mod overrun;

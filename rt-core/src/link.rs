@@ -13,11 +13,11 @@
 use std::sync::Once;
 use std::time::Duration;
 
-use iceoryx2::node::NodeCreationFailure;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::prelude::*;
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 
+use crate::leftovers::{self, watched};
 use crate::loss::OutOfOrder;
 use crate::types::{SAMPLE_VERSION, Sample};
 
@@ -144,11 +144,12 @@ impl Link {
     pub fn open(instance: &str) -> Result<Link, LinkError> {
         validate_instance(instance)?;
         quieten();
+        watched(|| Link::open_watched(instance))
+    }
+
+    fn open_watched(instance: &str) -> Result<Link, LinkError> {
         let failed = |what, cause: String| LinkError::Open { instance: instance.to_owned(), what, cause };
-        // Signals belong to the program: its handlers zero the outputs first.
-        let node: Result<_, NodeCreationFailure> =
-            NodeBuilder::new().signal_handling_mode(SignalHandlingMode::Disabled).create::<Ipc>();
-        let node = node.map_err(|e| failed("create a node", e.to_string()))?;
+        let node = leftovers::node().map_err(|e| failed("create a node", e.to_string()))?;
         let name = |part: &str| {
             let name = format!("rec-bench/{instance}/{part}");
             ServiceName::new(&name).map_err(|e| failed("name a service", e.to_string()))

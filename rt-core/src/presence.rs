@@ -2,6 +2,7 @@
 
 use iceoryx2::prelude::*;
 
+use crate::leftovers::{self, watched};
 use crate::link::{Ipc, LinkError, quieten, validate_instance};
 use crate::types::Sample;
 
@@ -12,19 +13,20 @@ use crate::types::Sample;
 /// # Errors
 /// The instance's services can't be looked at.
 pub fn is_published(instance: &str) -> Result<bool, LinkError> {
-    let (node, name) = participant(instance, "sample")?;
-    node.try_cleanup_dead_nodes();
-    let service = node.service_builder(&name).publish_subscribe::<Sample>().open();
-    let service = service.map_err(|e| failed(instance, "open the sample service", &e))?;
-    Ok(service.dynamic_config().number_of_publishers() > 0)
+    watched(|| {
+        let (node, name) = participant(instance, "sample")?;
+        node.try_cleanup_dead_nodes();
+        let service = node.service_builder(&name).publish_subscribe::<Sample>().open();
+        let service = service.map_err(|e| failed(instance, "open the sample service", &e))?;
+        Ok(service.dynamic_config().number_of_publishers() > 0)
+    })
 }
 
-/// A node, and the name of one of the instance's services.
+/// A node, and the name of one of the instance's services. To be called within [`watched`].
 pub(crate) fn participant(instance: &str, service: &str) -> Result<(Node<Ipc>, ServiceName), LinkError> {
     validate_instance(instance)?;
     quieten();
-    let node = NodeBuilder::new().signal_handling_mode(SignalHandlingMode::Disabled).create::<Ipc>();
-    let node = node.map_err(|e| failed(instance, "create a node", &e))?;
+    let node = leftovers::node().map_err(|e| failed(instance, "create a node", &e))?;
     let name = ServiceName::new(&format!("rec-bench/{instance}/{service}"));
     Ok((node, name.map_err(|e| failed(instance, "name a service", &e))?))
 }

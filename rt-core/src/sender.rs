@@ -13,6 +13,7 @@ use ringbuf::HeapCons;
 use ringbuf::traits::{Consumer, Observer};
 
 use crate::flow::{Flow, LoggerId};
+use crate::leftovers::watched;
 use crate::link::{BUFFER_SAMPLES, Ipc, Link, LinkError, Progress};
 use crate::publish::{NAP, Pace, Shared};
 use crate::rhythm::Rhythm;
@@ -171,7 +172,7 @@ impl Sender {
         }
         if room.held_for >= SUSPECT_AFTER && self.suspected.is_none_or(|at| at.elapsed() >= SUSPECT_AGAIN) {
             // A killed process leaves its ports behind until somebody removes them.
-            self.link.node.try_cleanup_dead_nodes();
+            watched(|| self.link.node.try_cleanup_dead_nodes());
             self.look_for_loggers();
             self.suspected = Some(Instant::now());
         }

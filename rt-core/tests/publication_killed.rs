@@ -3,9 +3,13 @@
 
 mod common;
 
+use std::collections::BTreeSet;
+use std::fs::File;
+use std::path::PathBuf;
 use std::process::{Child, Command as Process, Stdio};
+use std::sync::mpsc;
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use common::logger::{SOON, assert_all_there, instance, logger, publish_run, sample};
 use rt_core::{Delivery, LossCertificate, Pace, Publication, Publish, SampleSubscriber};
@@ -54,6 +58,13 @@ fn play(part: &str, variable: &str, instance: &str) -> Killed {
 struct Killed(Child);
 
 impl Killed {
+    /// The transport's shared memory that the process holds.
+    fn shared_memory(&self) -> BTreeSet<PathBuf> {
+        let maps = std::fs::read_to_string(format!("/proc/{}/maps", self.0.id())).unwrap();
+        let paths = maps.lines().filter_map(|line| line.split_ascii_whitespace().nth(5));
+        paths.filter(|path| path.starts_with("/dev/shm/iox2_")).map(PathBuf::from).collect()
+    }
+
     fn kill(&mut self) {
         self.0.kill().unwrap();
         self.0.wait().unwrap();
@@ -120,4 +131,34 @@ fn a_service_that_is_killed_leaves_no_debris_in_the_way_of_the_next_one() {
     assert_eq!((first.received, first.end_seen), (500, false));
     assert_eq!((second.received, second.is_lossless()), (1000, true));
     assert_all_there(&samples[500..], 0, 1000);
+}
+
+#[test]
+fn memory_that_a_killed_process_left_without_a_size_is_waited_for_by_nobody() {
+    let (victim_instance, next) = (instance("half-made"), instance("after-half-made"));
+    let mut victim = play("play_a_service_in_a_process_of_its_own", PLAY_SERVICE, &victim_instance);
+    let mut subscriber = SampleSubscriber::open(&victim_instance, Delivery::Lossless).unwrap();
+    let (mut samples, begin) = (Vec::new(), Instant::now());
+    while samples.is_empty() {
+        assert!(begin.elapsed() < SOON, "nothing was published");
+        subscriber.receive(Duration::from_millis(100), &mut samples).unwrap();
+    }
+    drop(subscriber);
+    let held = victim.shared_memory();
+    victim.kill();
+    // As if it had been killed a moment earlier, between a name and its size.
+    let mut half_made = Vec::new();
+    for path in held.iter().filter(|path| path.extension().is_some_and(|suffix| suffix == "dynamic")) {
+        // Another test's process may have removed the dead one's already.
+        if let Ok(file) = File::options().write(true).open(path) {
+            file.set_len(0).unwrap();
+            file.set_modified(SystemTime::now() - Duration::from_secs(5)).unwrap();
+            half_made.push(path);
+        }
+    }
+    // On a thread of its own: without the removal it never returns.
+    let (done, opened) = mpsc::channel();
+    thread::spawn(move || done.send(Publication::start(&next, Pace::LOCKSTEP).map(|_| ())).unwrap());
+    opened.recv_timeout(SOON).expect("the next service starts").unwrap();
+    assert!(half_made.iter().all(|path| !path.exists()), "{half_made:?}");
 }
