@@ -122,11 +122,18 @@ pub fn fit_from(
                     *value += d;
                 }
             }
-            let trial_pieces = if ahead { problem.linearise(layout, &trial).ok() } else { None };
-            let trial_cost = match &trial_pieces {
+            let mut trial_pieces = if ahead { problem.linearise(layout, &trial).ok() } else { None };
+            let mut trial_cost = match &trial_pieces {
                 Some(pieces) => problem.cost_of_pieces(pieces, &trial),
                 None => problem.cost(layout, &trial),
             };
+            if effort.ahead && trial_pieces.is_none() && trial_cost < cost {
+                // at the edge of what can be simulated values may come to their end and their derivatives not: no place to go on from
+                trial_pieces = problem.linearise(layout, &trial).ok();
+                if trial_pieces.is_none() {
+                    trial_cost = f64::INFINITY;
+                }
+            }
             ahead = false;
             let predicted = 2.0 * normal.gradient.dot(&step) - (step.transpose() * &normal.matrix * &step)[(0, 0)];
             if trial_cost < cost {

@@ -164,15 +164,22 @@ pub fn identify_as(loaded: &Loaded, form: TorqueForm, progress: &dyn Fn(&str)) -
     problem.reweigh(&mut pieces);
     let undetermined = drop_undetermined(&problem, &mut layout, &first, &pieces);
     let all = Layout::base(&component);
-    let kept: Vec<f64> =
-        all.base.iter().zip(&first.point.theta).filter(|(i, _)| layout.base.contains(i)).map(|(_, v)| *v).collect();
+    let of_first = all.base.iter().zip(&first.point.theta);
+    let kept: Vec<f64> = of_first.clone().filter(|(i, _)| layout.base.contains(i)).map(|(_, v)| *v).collect();
     let mut start = first.point.clone();
     start.theta = kept;
+    let mut known = Some(pieces).filter(|_| undetermined.is_empty());
+    if known.is_none() {
+        known = problem.linearise(&layout, &start).ok();
+        if known.is_none() {
+            // what was kept can be simulated with the values that were found beside it alone
+            of_first.for_each(|(i, v)| layout.fixed[*i] = *v);
+        }
+    }
     // a gross misfit bends the parameters whatever is done: no use in polishing them
     let gross = first.cost > 10.0 * problem.targets() as f64;
     let polish =
         if gross { Effort { iterations: 12, tolerance: 1e-3, promise: f64::INFINITY, ..polish() } } else { polish() };
-    let known = undetermined.is_empty().then_some(pieces);
     let (last, at_end) = fit_from(&problem, &layout, start, polish, known).map_err(simulation("the identify runs"))?;
     progress("joint fit in free run, final pass");
     let (fit, by_eq2) = match form {
