@@ -78,16 +78,14 @@ impl Search<'_> {
                 let mut step = found.steps[n].clone();
                 step.fit = simplify(self.problem, step.fit)?;
                 step.residual = self.problem.residuals(&step.fit.layout, &step.fit.point)?;
-                let tie = found.steps[1..=n].iter().any(|s| s.next_experiment.is_some());
+                let tie = step.next_experiment.is_some();
                 let names = step.names.clone();
                 (if tie { Verdict::Ambiguous } else { Verdict::Attributed }, step, names)
             }
             (None, None) => (Verdict::None, before.clone(), Vec::new()),
         };
         let next_experiment = match chosen {
-            Some(n) if verdict == Verdict::Ambiguous => {
-                found.steps[1..=n].iter().rev().find_map(|s| s.next_experiment.clone())
-            }
+            Some(n) if verdict == Verdict::Ambiguous => found.steps[n].next_experiment.clone(),
             _ => None,
         };
         let effects = self.added(&step.fit, &names)?;

@@ -7,6 +7,7 @@
 mod compare;
 mod conclude;
 mod holdout;
+mod review;
 mod round;
 mod search;
 mod superseded;

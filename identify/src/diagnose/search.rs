@@ -51,7 +51,7 @@ pub(super) struct Step {
     pub residual: Vec<Vec<f64>>,
     /// Residuals of folds that were left out.
     pub held_out: Vec<Vec<f64>>,
-    /// The run that would tell what was added last from its rivals, where there are any.
+    /// The run that would tell one of the names from its rivals, where there are any: of the last name that has some.
     pub next_experiment: Option<String>,
     /// Part of what the effects do that sits in runs which ask for other sizes: the largest of all.
     pub disagreement: f64,
@@ -163,7 +163,8 @@ impl<'a> Search<'a> {
     pub fn is_lost(&self, found: &Found) -> bool {
         let left = self.left(found, found.last());
         let before = misfit::total(&self.left(found, &found.steps[0]));
-        misfit::largest(&left) > GROSS && misfit::total(&left) > (1.0 - LOST) * before
+        let of_cost = 1.0 - found.last().fit.cost / found.steps[0].fit.cost;
+        misfit::largest(&left) > GROSS && misfit::total(&left) > (1.0 - LOST) * before && of_cost < LOST
     }
 
     /// Adds the best candidate of a round to the last step; `None` where no judge or not every judge is convinced.
@@ -192,7 +193,7 @@ impl<'a> Search<'a> {
         let rivals = rivals(&self.brief, &refits, nested.cost)?;
         let next_experiment = match rivals.first() {
             Some(rival) => Some(where_they_differ(&self.brief, &best.fit, &rival.fit)?),
-            None => None,
+            None => last.next_experiment.clone(),
         };
         let mut names = last.names.clone();
         names.extend(fit.layout.effects.iter().filter(|e| best.added.contains(&e.header().id)).map(|e| Name {
@@ -207,13 +208,15 @@ impl<'a> Search<'a> {
             return Ok(None);
         }
         (self.progress)(&format!("added {}", best.added.join(" and ")));
-        let lean = self.without_superseded(&step, &best.fit, last.names.len())?;
-        Ok(Some(lean.unwrap_or(step)))
+        if let Some(lean) = self.without_superseded(&step, &best.fit, last.names.len())? {
+            return Ok(Some(lean));
+        }
+        self.reviewed(found, step, &best.fit).map(Some)
     }
 
     /// Every judge agrees: the fit is better where it was fitted and where it was not, by more than noise matters, and what
     /// was added is physical and known to be other than zero.
-    fn accepts(&self, found: &Found, last: &Step, step: &Step, best: &Refit) -> Result<bool, SimulationError> {
+    pub fn accepts(&self, found: &Found, last: &Step, step: &Step, best: &Refit) -> Result<bool, SimulationError> {
         let before = misfit::total(&found.parts(self.problem, last));
         let removed = (before - misfit::total(&found.parts(self.problem, step))).max(0.0).sqrt();
         let (_, better) = advantage(&last.residual, &step.residual, &self.clusters, self.count);

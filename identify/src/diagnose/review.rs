@@ -1,0 +1,100 @@
+//! The earlier of two names, seen again beside the later one.
+//!
+//! The first round sees what both effects do together, and may name one that does a little of both, or find two that do as well. Beside
+//! the second name its candidates are compared once more: each for what the second leaves.
+
+use model::integrate::SimulationError;
+
+use super::compare::{look_alikes, rank, refit_all, rivals, to_the_end, where_they_differ};
+use super::round::Round;
+use super::search::{Found, Name, Search, Step};
+use super::{GROSS, PREFERRED};
+use crate::fit::{Effort, Fit};
+use crate::misfit;
+use crate::refit::{Bases, Refit, advantage};
+
+impl Search<'_> {
+    /// The step with the first of its two names as the comparison beside the second leaves it: with other rivals or none, or replaced by
+    /// one that does better. `brief`: the step's fit to the brief runs. A step with other than two names stays as it is.
+    pub fn reviewed(&self, found: &mut Found, step: Step, brief: &Fit) -> Result<Step, SimulationError> {
+        let [first, second] = &step.names[..] else { return Ok(step) };
+        let own = first.effect.header().id;
+        let Some(n) = brief.layout.effects.iter().position(|e| e.header().id == own) else { return Ok(step) };
+        let (layout, point) = brief.without(n);
+        let effort = Effort { iterations: 12, tolerance: 1e-6, ..Effort::default() };
+        let Ok(alone) = crate::fit::fit(&self.brief, &layout, point, effort) else { return Ok(step) };
+        let residual = self.brief.residuals(&alone.layout, &alone.point)?;
+        let gross = misfit::largest(&misfit::parts(&self.brief, &residual, &found.colours)) > GROSS;
+        let open = self.open(&alone);
+        let round = Round::new(&self.brief, &alone, open.iter().copied())?;
+        let bases = Bases { current: &alone, component: self.component, short: &self.short, gross };
+        let mut shortlist = round.shortlist(&open, if gross { 6 } else { 5 });
+        shortlist.retain(|set| set.len() == 1 && set[0].header().id != own);
+        let mut refits = refit_all(&self.brief, &bases, &round, &shortlist, self.progress);
+        refits.push(Refit { added: vec![own], fit: brief.clone() });
+        refits.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
+        let alike = look_alikes(&round, &refits, &open);
+        if !alike.is_empty() {
+            refits.extend(refit_all(&self.brief, &bases, &round, &alike, self.progress));
+            refits.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
+        }
+        let others = rivals(&self.brief, &refits, alone.cost)?;
+        let best = &refits[0];
+        tracing::info!(own, beside = second.effect.header().id, best = ?best.added, rivals = others.len(), "seen again");
+        let ranked = rank(&self.brief, &refits)?;
+        let probability = |id: &str| ranked.iter().find(|r| r.id == id).map_or(0.0, |r| r.probability);
+        let next = |a: &Fit, others: &[&Refit]| match others.first() {
+            Some(b) => where_they_differ(&self.brief, a, &b.fit).map(Some),
+            None => Ok(None),
+        };
+        // the whole set of those that can't be told apart, without the one that is named
+        let beside = |id: &str| -> Vec<&Refit> {
+            std::iter::once(best).chain(&others).filter(|r| !r.added.contains(&id)).collect()
+        };
+        let equivalent = |set: &[&Refit]| set.iter().map(|r| r.added.join("+")).collect();
+
+        if !best.added.contains(&own) && self.is_better(best, brief)? {
+            let fit = crate::fit::fit(self.problem, &best.fit.layout, best.fit.point.clone(), to_the_end());
+            let effect = best.fit.layout.effects.iter().find(|e| best.added.contains(&e.header().id)).copied();
+            if let (Ok(fit), Some(effect)) = (fit, effect)
+                && fit.cost < step.fit.cost
+            {
+                let id = effect.header().id;
+                let set = beside(id);
+                let name = Name { effect, probability: probability(id), equivalent: equivalent(&set) };
+                let tie = next(&best.fit, &set)?;
+                let other = self.step(fit, vec![second.clone(), name], tie.or(step.own_next(second)))?;
+                found.learn(self.problem, &other.residual);
+                if self.accepts(found, &step, &other, best)? {
+                    (self.progress)(&format!("{id} in the place of {own}"));
+                    return Ok(other);
+                }
+            }
+        }
+        let set = beside(own);
+        let among = best.added.contains(&own) || others.iter().any(|r| r.added.contains(&own));
+        if !among {
+            return Ok(step);
+        }
+        let tie = next(brief, &set)?;
+        let first = Name { probability: probability(own), equivalent: equivalent(&set), ..first.clone() };
+        let next_experiment = step.own_next(second).or(tie);
+        Ok(Step { names: vec![first, second.clone()], next_experiment, ..step })
+    }
+
+    /// A refit is better than a fit of the brief runs, cluster by cluster.
+    fn is_better(&self, refit: &Refit, than: &Fit) -> Result<bool, SimulationError> {
+        let (clusters, count) = crate::score::clusters(&self.brief);
+        let before = self.brief.residuals(&than.layout, &than.point)?;
+        let after = self.brief.residuals(&refit.fit.layout, &refit.fit.point)?;
+        let (total, z) = advantage(&before, &after, &clusters, count);
+        Ok(total > 0.0 && z >= PREFERRED)
+    }
+}
+
+impl Step {
+    /// The next experiment, where it is this name's.
+    fn own_next(&self, name: &Name) -> Option<String> {
+        self.next_experiment.clone().filter(|_| !name.equivalent.is_empty())
+    }
+}
