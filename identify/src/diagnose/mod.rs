@@ -7,10 +7,10 @@
 mod compare;
 mod conclude;
 mod holdout;
+mod needless;
 mod review;
 mod round;
 mod search;
-mod superseded;
 
 use model::Parameters;
 use model::effects::{Balance, Effect, LIBRARY};
@@ -108,8 +108,7 @@ const EXPLAINED: f64 = 0.85;
 const PREFERRED: f64 = 3.0;
 /// A second effect is looked for from this structured residual on (noise floors) where the first explains nearly all.
 const SECOND: f64 = 0.3;
-/// A substantial part of the whole (a quarter of its amplitude). A second effect does at least that; what names leave below it is a
-/// matter of their form.
+/// A substantial part of the whole (a quarter of its amplitude). What names leave below it is a matter of their form.
 const SUBSTANTIAL: f64 = 0.05;
 /// Share of what an effect does that may sit in runs which ask for another size of it.
 const DISAGREE: f64 = 0.3;
@@ -125,8 +124,8 @@ const SHORT_S: f64 = 8.0;
 /// Structured residual (noise floors) from which an effect counts as gross.
 const GROSS: f64 = 1.5;
 
-/// A gross misfit of which the best single name explains less than this share is not one of two names: of two the better one explains
-/// about half, or more.
+/// A gross misfit of which the best single name explains less than this share, on data left out and of the fit's cost, is not one of two
+/// names: of two the better one explains about half, or more.
 const LOST: f64 = 1.0 / 3.0;
 
 /// Runs the whole chain with the whole library.

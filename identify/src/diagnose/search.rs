@@ -74,11 +74,12 @@ impl Found {
         self.steps.last().unwrap_or_else(|| unreachable!("the reference model is a step"))
     }
 
-    /// Goes on from a step. One that has dropped an earlier name stands in that one's place.
+    /// Goes on from a step. One that has dropped an earlier name stands in that one's place, and one of the same names in that of the
+    /// step before.
     pub fn take(&mut self, step: Step) {
         let keeps = |before: &Step| {
             let ids: Vec<&str> = step.names.iter().map(|n| n.effect.header().id).collect();
-            before.names.iter().all(|n| ids.contains(&n.effect.header().id))
+            before.names.len() < ids.len() && before.names.iter().all(|n| ids.contains(&n.effect.header().id))
         };
         self.steps.retain(keeps);
         self.steps.push(step);
@@ -208,7 +209,7 @@ impl<'a> Search<'a> {
             return Ok(None);
         }
         (self.progress)(&format!("added {}", best.added.join(" and ")));
-        if let Some(lean) = self.without_superseded(&step, &best.fit, last.names.len())? {
+        if let Some(lean) = self.without_needless(&step, &best.fit)? {
             return Ok(Some(lean));
         }
         self.reviewed(found, step, &best.fit).map(Some)

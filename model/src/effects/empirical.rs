@@ -160,8 +160,8 @@ impl Law for EmpiricalPump {
         id: "empirical_pump",
         balance: Balance::Pump,
         ports: &[PortKind::Line],
-        summary: "a smooth flow through the pump over voltage, its past and time",
-        equation: "Q += sum of c_i * term_i while oil can pass; voltage in units of 24 V",
+        summary: "a smooth flow through pump and brake valve over voltage, its past, the valve's past, and time",
+        equation: "Q += sum of c_i * term_i while oil can pass, and after the brake was switched; voltage in units of 24 V",
         validity: VALIDITY,
         measure: MEASURE,
         literature: "",
@@ -175,18 +175,20 @@ impl Law for EmpiricalPump {
             term("time_voltage", "ml/s", 0.05),
             term("past_voltage_fast", "ml/s", 0.5),
             term("past_voltage_slow", "ml/s", 0.2),
+            term("past_opening", "ml/s", 2.0),
         ],
-        states: 2,
+        states: 3,
         starts: &[
-            &[0.05, 0., 0., 0., 0., 0., 0., 0., 0.],
-            &[0., 0.05, 0., 0., 0., 0., 0., 0., 0.],
-            &[0., 0., 0.05, 0., 0., 0., 0., 0., 0.],
-            &[0., 0., 0., 0.05, 0., 0., 0., 0., 0.],
-            &[0., 0., 0., 0., 0.01, 0., 0., 0., 0.],
-            &[0., 0., 0., 0., 0., 0.02, 0., 0., 0.],
-            &[0., 0., 0., 0., 0., 0., 0.05, 0., 0.],
-            &[0., 0., 0., 0., 0., 0., 0., 0.5, 0.],
-            &[0., 0., 0., 0., 0., 0., 0., 0., 0.2],
+            &[0.05, 0., 0., 0., 0., 0., 0., 0., 0., 0.],
+            &[0., 0.05, 0., 0., 0., 0., 0., 0., 0., 0.],
+            &[0., 0., 0.05, 0., 0., 0., 0., 0., 0., 0.],
+            &[0., 0., 0., 0.05, 0., 0., 0., 0., 0., 0.],
+            &[0., 0., 0., 0., 0.01, 0., 0., 0., 0., 0.],
+            &[0., 0., 0., 0., 0., 0.02, 0., 0., 0., 0.],
+            &[0., 0., 0., 0., 0., 0., 0.05, 0., 0., 0.],
+            &[0., 0., 0., 0., 0., 0., 0., 0.5, 0., 0.],
+            &[0., 0., 0., 0., 0., 0., 0., 0., 0.2, 0.],
+            &[0., 0., 0., 0., 0., 0., 0., 0., 0., 2.0],
         ],
         passive: false,
     };
@@ -196,6 +198,9 @@ impl Law for EmpiricalPump {
             let u = l.voltage_v / 24.0;
             dx[0] = (u - x[0]) / 0.01;
             dx[1] = (u - x[1]) / 0.2;
+            // what a valve passes shortly after it was switched
+            dx[2] = (l.opening - x[2]) / 0.05;
+            l.flow_ml_s += k[9] * (x[2] - l.opening) * u;
             if l.open {
                 let dp = l.dp_bar;
                 l.flow_ml_s += k[0] * u * u
@@ -212,6 +217,7 @@ impl Law for EmpiricalPump {
 
     fn rest<S: Scalar>(&self, _k: &[S], rest: &Rest<S>, x: &mut [S]) {
         x.fill(S::constant(rest.voltage_v / 24.0));
+        x[2] = S::constant(f64::from(u8::from(rest.brake_open)));
     }
 }
 

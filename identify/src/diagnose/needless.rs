@@ -1,7 +1,7 @@
-//! Names that a later one makes needless.
+//! Names that another one makes needless.
 //!
 //! Where two effects act, the first round may name a third one that does a little of both. Once the true ones are there, the fit is as
-//! good without it.
+//! good without it. And where the first name's fit was caught in a false minimum, a second one may only have helped it out.
 
 use model::integrate::SimulationError;
 
@@ -12,15 +12,10 @@ use crate::problem::Problem;
 use crate::refit::advantage;
 
 impl Search<'_> {
-    /// The step without the name before the last ones that it needs least, fitted to the whole; `None` where it needs all. `brief`: its
-    /// fit to the brief runs; `earlier`: how many of its names are not of the last round.
-    pub fn without_superseded(
-        &self,
-        step: &Step,
-        brief: &Fit,
-        earlier: usize,
-    ) -> Result<Option<Step>, SimulationError> {
-        for name in &step.names[..earlier] {
+    /// The step without the first of its names that it does not need, fitted to the whole; `None` where it needs all. `brief`: its fit
+    /// to the brief runs.
+    pub fn without_needless(&self, step: &Step, brief: &Fit) -> Result<Option<Step>, SimulationError> {
+        for name in step.names.iter().filter(|_| step.names.len() > 1) {
             let id = name.effect.header().id;
             let Some(n) = brief.layout.effects.iter().position(|e| e.header().id == id) else { continue };
             let Some(less) = needless(&self.brief, brief, n)? else { continue };
@@ -28,7 +23,7 @@ impl Search<'_> {
             let point = less.point;
             let Ok(fit) = crate::fit::fit(self.problem, &less.layout, point, effort) else { continue };
             let names = step.names.iter().filter(|other| other.effect.header().id != id).cloned().collect();
-            (self.progress)(&format!("{id} is no longer needed"));
+            (self.progress)(&format!("{id} is not needed"));
             return self.step(fit, names, step.next_experiment.clone()).map(Some);
         }
         Ok(None)
@@ -44,6 +39,6 @@ fn needless(problem: &Problem, fit: &Fit, n: usize) -> Result<Option<Fit>, Simul
     let Ok(less) = crate::fit::fit(problem, &layout, point, effort) else { return Ok(None) };
     let left = problem.residuals(&less.layout, &less.point)?;
     let (_, worse) = advantage(&left, &with, &clusters, count);
-    tracing::info!(name = fit.layout.effects[n].header().id, worse, "is an earlier name still needed");
+    tracing::info!(name = fit.layout.effects[n].header().id, worse, "is the name needed");
     Ok((worse < PREFERRED).then_some(less))
 }
