@@ -113,7 +113,10 @@ impl Problem {
     ) -> Result<Vec<T>, SimulationError> {
         let mut order: Vec<usize> = (0..self.stretches.len()).collect();
         order.sort_by_key(|&n| std::cmp::Reverse(self.stretches[n].rows()));
-        let done = order.into_iter().par_bridge().map(|n| Ok((n, of(n)?)));
+        let done = order.into_iter().par_bridge().map(|n| match of(n) {
+            Ok(t) => Ok((n, t)),
+            Err(error) => Err(error.in_run(&self.stretches[n].file)),
+        });
         let mut done: Vec<(usize, T)> = done.collect::<Result<_, SimulationError>>()?;
         done.sort_by_key(|(n, _)| *n);
         Ok(done.into_iter().map(|(_, t)| t).collect())

@@ -43,6 +43,20 @@ fn derivatives_of_the_predictions_are_those_of_finite_differences() {
 }
 
 #[test]
+fn a_run_that_the_model_can_not_go_through_is_named() {
+    let truth = Parameters::example();
+    let problem = problem(&[dynamic(&truth, None, 8.0, 1)]);
+    let layout = layout(&truth);
+    let mut point = problem.point(layout.vector_of(&truth));
+    let f1 = layout.names().iter().position(|n| n == "f1").unwrap();
+    point.theta[f1] = 1e3;
+    for error in [problem.residuals(&layout, &point).err(), problem.linearise(&layout, &point).err()] {
+        let said = error.unwrap().to_string();
+        assert!(said.starts_with("run.csv: at ") && said.contains(" s: "), "{said}");
+    }
+}
+
+#[test]
 fn a_shape_without_slopes_spoils_no_fit() {
     let truth = Parameters::example();
     let play = find("backlash").unwrap();

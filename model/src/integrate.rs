@@ -39,6 +39,21 @@ pub enum SimulationError {
         /// Since the run's start, s.
         time_s: f64,
     },
+    /// One of the others, in a run that has a name.
+    #[error("{file}: {error}")]
+    InRun {
+        /// The run's file.
+        file: String,
+        /// What it could not do there.
+        error: Box<SimulationError>,
+    },
+}
+
+impl SimulationError {
+    /// The same, with the run's file named where it has one.
+    pub fn in_run(self, file: &str) -> Self {
+        if file.is_empty() { self } else { SimulationError::InRun { file: file.to_owned(), error: Box::new(self) } }
+    }
 }
 
 /// Integrates the plant for values.

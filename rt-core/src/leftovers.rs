@@ -14,7 +14,7 @@ use iceoryx2::config::Config;
 use iceoryx2::node::NodeCreationFailure;
 use iceoryx2::prelude::*;
 
-use crate::link::Ipc;
+use crate::link::{Ipc, quieten};
 
 /// Where POSIX shared memory has its names on Linux.
 const SHARED_MEMORY: &str = "/dev/shm";
@@ -35,6 +35,7 @@ pub(crate) fn node() -> Result<Node<Ipc>, NodeCreationFailure> {
 /// Does `work` with the transport, which may remove what dead processes left; what they left half made is removed before it, and
 /// while it lasts.
 pub(crate) fn watched<T>(work: impl FnOnce() -> T) -> T {
+    quieten();
     let remove = || remove_abandoned(Path::new(SHARED_MEMORY), SystemTime::now());
     remove();
     let (done, waiting) = mpsc::channel::<()>();

@@ -143,7 +143,6 @@ impl Link {
     /// Opens or creates the services. What killed processes left in shared memory is removed on the way.
     pub fn open(instance: &str) -> Result<Link, LinkError> {
         validate_instance(instance)?;
-        quieten();
         watched(|| Link::open_watched(instance))
     }
 

@@ -3,7 +3,7 @@
 use iceoryx2::prelude::*;
 
 use crate::leftovers::{self, watched};
-use crate::link::{Ipc, LinkError, quieten, validate_instance};
+use crate::link::{Ipc, LinkError, validate_instance};
 use crate::types::Sample;
 
 /// Whether anybody publishes samples on `instance`. What a killed service left behind is removed first.
@@ -25,7 +25,6 @@ pub fn is_published(instance: &str) -> Result<bool, LinkError> {
 /// A node, and the name of one of the instance's services. To be called within [`watched`].
 pub(crate) fn participant(instance: &str, service: &str) -> Result<(Node<Ipc>, ServiceName), LinkError> {
     validate_instance(instance)?;
-    quieten();
     let node = leftovers::node().map_err(|e| failed(instance, "create a node", &e))?;
     let name = ServiceName::new(&format!("rec-bench/{instance}/{service}"));
     Ok((node, name.map_err(|e| failed(instance, "name a service", &e))?))

@@ -42,6 +42,7 @@ pub fn stretches(
     }
     let cut = |first: usize, end: usize, stand: Stand| Stretch {
         run,
+        file: file.to_string(),
         protocol: Some(protocol),
         stand,
         vertical: plane == Plane::Vertical,

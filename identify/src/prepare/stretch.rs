@@ -77,6 +77,8 @@ pub struct Target {
 pub struct Stretch {
     /// Position of the run in the campaign.
     pub run: usize,
+    /// The run's file, to be named where something goes wrong; empty for a plant's table.
+    pub file: String,
     /// Its protocol, if it is of a campaign of the REC rig.
     pub protocol: Option<Protocol>,
     /// How the plant stands; one without a lever is [`Stand::Free`] too.
@@ -127,6 +129,7 @@ impl Stretch {
         assert!(rows >= 2 && alike && initial.len() == initial_std.len(), "columns of a stretch have one value a row");
         Stretch {
             run,
+            file: String::new(),
             protocol: None,
             stand: Stand::Free,
             vertical: false,
