@@ -26,55 +26,28 @@ impl Search<'_> {
     ///
     /// Either what they leave is noise. Or the last of them explains the overwhelming share of what was there before it, or
     /// together they leave no substantial part of the whole, and every run asks for the same size of it: then the rest is a matter of
-    /// form, for another effect never has the form of an error exactly. A second name explains nearly all that the first one left:
-    /// names that each explain part of a misfit which stays are none.
+    /// form, for another effect never has the form of an error exactly. A second name does a substantial part of the whole, or nearly all
+    /// that was left, down to noise. Names that each explain part of a misfit which stays are none.
     fn explains(&self, found: &Found, number: usize) -> bool {
         let step = &found.steps[number];
         let total = |n: usize| misfit::total(&self.left(found, &found.steps[n]));
         let left = misfit::largest(&self.left(found, step));
-        let (first, after, share) = (total(0), total(number), self.share(found, number));
+        let (first, before, after) = (total(0), total(number - 1), total(number));
+        let share = if before > 0.0 { 1.0 - after / before } else { 1.0 };
+        let of_whole = if first > 0.0 { (before - after) / first } else { 1.0 };
         let names: Vec<&str> = step.names.iter().map(|n| n.effect.header().id).collect();
-        tracing::info!(
-            ?names,
-            left,
-            share,
-            of_whole = after / first.max(f64::MIN_POSITIVE),
-            step.disagreement,
-            "what the names leave"
-        );
+        tracing::info!(?names, left, share, of_whole, step.disagreement, "what the names leave");
+        let complete = left < CONSISTENT && share >= COMPLETE;
+        let substantial = number == 1 || of_whole >= SUBSTANTIAL || complete;
         let overwhelming = share >= EXPLAINED || after < SUBSTANTIAL * first;
-        (number == 1 || share >= COMPLETE) && (left < CONSISTENT || (overwhelming && step.disagreement <= DISAGREE))
-    }
-
-    /// Share of what the step before left that a step explains.
-    fn share(&self, found: &Found, number: usize) -> f64 {
-        let total = |n: usize| misfit::total(&self.left(found, &found.steps[n]));
-        let before = total(number - 1);
-        if before > 0.0 { 1.0 - total(number) / before } else { 1.0 }
-    }
-
-    /// The step whose names are the explanation: the last that is one.
-    ///
-    /// Where two names go most of the way and don't arrive, the first of them does not either: what the second one took was no matter of
-    /// the first one's form.
-    fn chosen(&self, found: &Found) -> Option<usize> {
-        for number in (1..found.steps.len()).rev() {
-            if self.explains(found, number) {
-                return Some(number);
-            }
-            let before = misfit::largest(&self.left(found, &found.steps[number - 1]));
-            if number > 1 && self.share(found, number) > HALFWAY && before >= CONSISTENT {
-                return None;
-            }
-        }
-        None
+        substantial && (left < CONSISTENT || (overwhelming && step.disagreement <= DISAGREE))
     }
 
     /// The verdict.
     pub fn conclude(&self, mut found: Found, first: &Round) -> Result<Diagnosis, SimulationError> {
         let before = found.steps[0].clone();
         let largest = misfit::largest(&found.parts(self.problem, &before));
-        let chosen = self.chosen(&found);
+        let chosen = (1..found.steps.len()).rev().find(|&n| self.explains(&found, n));
         let nameless = match chosen {
             Some(n) => {
                 // names whose form leaves a substantial part must do better than terms without a name
@@ -199,10 +172,8 @@ impl Search<'_> {
     }
 }
 
-/// A second effect explains at least this share of what the first one leaves.
+/// A second effect explains this share of what the first one leaves, down to noise, where it is small beside that.
 const COMPLETE: f64 = 0.9;
-/// From this share on of what the first name left, a second one shows that there is more than the first.
-const HALFWAY: f64 = 0.5;
 /// Terms without a name are preferred to names that leave more than noise where they leave less than this share of what the names
 /// leave.
 const NAMELESS: f64 = 0.5;

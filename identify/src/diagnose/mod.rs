@@ -108,7 +108,8 @@ const EXPLAINED: f64 = 0.85;
 const PREFERRED: f64 = 3.0;
 /// A second effect is looked for from this structured residual on (noise floors) where the first explains nearly all.
 const SECOND: f64 = 0.3;
-/// A substantial part of the whole (a quarter of its amplitude). What names leave below it is a matter of their form.
+/// A substantial part of the whole (a quarter of its amplitude). A second effect does at least that; what names leave below it is a
+/// matter of their form.
 const SUBSTANTIAL: f64 = 0.05;
 /// Share of what an effect does that may sit in runs which ask for another size of it.
 const DISAGREE: f64 = 0.3;
