@@ -144,18 +144,16 @@ fn memory_that_a_killed_process_left_without_a_size_is_waited_for_by_nobody() {
         subscriber.receive(Duration::from_millis(100), &mut samples).unwrap();
     }
     drop(subscriber);
-    let held = victim.shared_memory();
-    victim.kill();
-    // As if it had been killed a moment earlier, between a name and its size.
-    let mut half_made = Vec::new();
-    for path in held.iter().filter(|path| path.extension().is_some_and(|suffix| suffix == "dynamic")) {
-        // Another test's process may have removed the dead one's already.
-        if let Ok(file) = File::options().write(true).open(path) {
-            file.set_len(0).unwrap();
-            file.set_modified(SystemTime::now() - Duration::from_secs(5)).unwrap();
-            half_made.push(path);
-        }
+    // As if it had been killed between a name and its size. It still lives, so no other test's process removes it meanwhile.
+    let mut half_made = victim.shared_memory();
+    half_made.retain(|path| path.extension().is_some_and(|suffix| suffix == "dynamic"));
+    assert!(!half_made.is_empty(), "the victim holds services");
+    for path in &half_made {
+        let file = File::options().write(true).open(path).unwrap();
+        file.set_len(0).unwrap();
+        file.set_modified(SystemTime::now() - Duration::from_secs(5)).unwrap();
     }
+    victim.kill();
     // On a thread of its own: without the removal it never returns.
     let (done, opened) = mpsc::channel();
     thread::spawn(move || done.send(Publication::start(&next, Pace::LOCKSTEP).map(|_| ())).unwrap());

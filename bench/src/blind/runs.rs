@@ -168,6 +168,12 @@ mod tests {
             time_s[1] - time_s[0]
         };
         assert!((spacing("random_a") - 4e-3).abs() < 1e-9);
+        let random_a = runs.iter().find(|r| r.entry.file.starts_with("random_a")).expect("the run");
+        assert_eq!(
+            random_a.recording.bypass_open.last(),
+            Some(&true),
+            "its end tells of the bypass, whatever was drawn"
+        );
         assert!((spacing("pump_map") - 2e-3).abs() < 1e-9);
         for (run, clean) in runs.iter().zip(&recorded.clean) {
             assert_eq!(run.recording.len(), clean.len(), "{}", run.entry.file);

@@ -71,7 +71,7 @@ impl Search<'_> {
         let (verdict, step, names) = match (nameless, chosen) {
             (Some(step), _) => {
                 let carried = step.fit.layout.effects.last().copied();
-                let name = |effect| Name { effect, probability: 1.0, equivalent: Vec::new() };
+                let name = |effect| Name { effect, probability: 1.0, equivalent: Vec::new(), next_experiment: None };
                 let names = carried.map(name).into_iter().collect();
                 (Verdict::Unrecognised, step, names)
             }
@@ -79,14 +79,14 @@ impl Search<'_> {
                 let mut step = found.steps[n].clone();
                 step.fit = simplify(self.problem, step.fit)?;
                 step.residual = self.problem.residuals(&step.fit.layout, &step.fit.point)?;
-                let tie = step.next_experiment.is_some();
+                let tie = step.next_experiment().is_some();
                 let names = step.names.clone();
                 (if tie { Verdict::Ambiguous } else { Verdict::Attributed }, step, names)
             }
             (None, None) => (Verdict::None, before.clone(), Vec::new()),
         };
         let next_experiment = match chosen {
-            Some(n) if verdict == Verdict::Ambiguous => found.steps[n].next_experiment.clone(),
+            Some(n) if verdict == Verdict::Ambiguous => found.steps[n].next_experiment(),
             _ => None,
         };
         let effects = self.added(&step.fit, &names)?;
@@ -134,7 +134,7 @@ impl Search<'_> {
             return Ok(None);
         }
         let Some(fit) = empirical(self, &nested, &round, &found.colours)? else { return Ok(None) };
-        let step = self.step(fit, Vec::new(), None)?;
+        let step = self.step(fit, Vec::new())?;
         found.learn(self.problem, &step.residual);
         let before = self.left(found, &reference);
         let after = self.left(found, &step);

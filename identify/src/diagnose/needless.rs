@@ -24,7 +24,7 @@ impl Search<'_> {
             let Ok(fit) = crate::fit::fit(self.problem, &less.layout, point, effort) else { continue };
             let names = step.names.iter().filter(|other| other.effect.header().id != id).cloned().collect();
             (self.progress)(&format!("{id} is not needed"));
-            return self.step(fit, names, step.next_experiment.clone()).map(Some);
+            return self.step(fit, names).map(Some);
         }
         Ok(None)
     }

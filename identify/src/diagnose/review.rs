@@ -61,9 +61,9 @@ impl Search<'_> {
             {
                 let id = effect.header().id;
                 let set = beside(id);
-                let name = Name { effect, probability: probability(id), equivalent: equivalent(&set) };
-                let tie = next(&best.fit, &set)?;
-                let other = self.step(fit, vec![second.clone(), name], tie.or(step.own_next(second)))?;
+                let next_experiment = next(&best.fit, &set)?;
+                let name = Name { effect, probability: probability(id), equivalent: equivalent(&set), next_experiment };
+                let other = self.step(fit, vec![second.clone(), name])?;
                 found.learn(self.problem, &other.residual);
                 if self.accepts(found, &step, &other, best)? {
                     (self.progress)(&format!("{id} in the place of {own}"));
@@ -76,10 +76,13 @@ impl Search<'_> {
         if !among {
             return Ok(step);
         }
-        let tie = next(brief, &set)?;
-        let first = Name { probability: probability(own), equivalent: equivalent(&set), ..first.clone() };
-        let next_experiment = step.own_next(second).or(tie);
-        Ok(Step { names: vec![first, second.clone()], next_experiment, ..step })
+        let first = Name {
+            probability: probability(own),
+            equivalent: equivalent(&set),
+            next_experiment: next(brief, &set)?,
+            ..first.clone()
+        };
+        Ok(Step { names: vec![first, second.clone()], ..step })
     }
 
     /// A refit is better than a fit of the brief runs, cluster by cluster.
@@ -89,12 +92,5 @@ impl Search<'_> {
         let after = self.brief.residuals(&refit.fit.layout, &refit.fit.point)?;
         let (total, z) = advantage(&before, &after, &clusters, count);
         Ok(total > 0.0 && z >= PREFERRED)
-    }
-}
-
-impl Step {
-    /// The next experiment, where it is this name's.
-    fn own_next(&self, name: &Name) -> Option<String> {
-        self.next_experiment.clone().filter(|_| !name.equivalent.is_empty())
     }
 }

@@ -41,6 +41,8 @@ pub(super) struct Name {
     pub probability: f64,
     /// Sets of ids that explain the data as well.
     pub equivalent: Vec<String>,
+    /// The run that would tell it from them, where there are any.
+    pub next_experiment: Option<String>,
 }
 
 /// A model with what was added, fitted to the whole.
@@ -51,10 +53,15 @@ pub(super) struct Step {
     pub residual: Vec<Vec<f64>>,
     /// Residuals of folds that were left out.
     pub held_out: Vec<Vec<f64>>,
-    /// The run that would tell one of the names from its rivals, where there are any: of the last name that has some.
-    pub next_experiment: Option<String>,
     /// Part of what the effects do that sits in runs which ask for other sizes: the largest of all.
     pub disagreement: f64,
+}
+
+impl Step {
+    /// The run that would tell a name from its rivals, where there are any: of the last name that has some.
+    pub fn next_experiment(&self) -> Option<String> {
+        self.names.iter().rev().find_map(|name| name.next_experiment.clone())
+    }
 }
 
 /// What was found so far.
@@ -122,12 +129,12 @@ impl<'a> Search<'a> {
         let residual = self.problem.residuals(&fit.layout, &fit.point)?;
         let colours = colours(self.problem, &residual);
         let held_out = HoldOut::of(self.problem, &fit, &self.clusters)?.residuals();
-        let step = Step { fit, names: Vec::new(), residual, held_out, next_experiment: None, disagreement: 0.0 };
+        let step = Step { fit, names: Vec::new(), residual, held_out, disagreement: 0.0 };
         Ok(Found { steps: vec![step], ranking: Vec::new(), colours, convincing: None })
     }
 
     /// A fitted model as a step, with what it is worth on data that were left out.
-    pub fn step(&self, fit: Fit, names: Vec<Name>, next_experiment: Option<String>) -> Result<Step, SimulationError> {
+    pub fn step(&self, fit: Fit, names: Vec<Name>) -> Result<Step, SimulationError> {
         let residual = self.problem.residuals(&fit.layout, &fit.point)?;
         let hold_out = HoldOut::of(self.problem, &fit, &self.clusters)?;
         let disagreement = (0..fit.layout.effects.len())
@@ -138,7 +145,7 @@ impl<'a> Search<'a> {
                 hold_out.disagreement(&sizes, &self.clusters)
             })
             .fold(0.0, f64::max);
-        Ok(Step { held_out: hold_out.residuals(), fit, names, residual, next_experiment, disagreement })
+        Ok(Step { held_out: hold_out.residuals(), fit, names, residual, disagreement })
     }
 
     /// Effects that a model does not carry.
@@ -194,15 +201,16 @@ impl<'a> Search<'a> {
         let rivals = rivals(&self.brief, &refits, nested.cost)?;
         let next_experiment = match rivals.first() {
             Some(rival) => Some(where_they_differ(&self.brief, &best.fit, &rival.fit)?),
-            None => last.next_experiment.clone(),
+            None => None,
         };
         let mut names = last.names.clone();
         names.extend(fit.layout.effects.iter().filter(|e| best.added.contains(&e.header().id)).map(|e| Name {
             effect: *e,
             probability: ranked.iter().find(|r| r.id == best.added.join("+")).map_or(0.0, |r| r.probability),
             equivalent: rivals.iter().map(|r| r.added.join("+")).collect(),
+            next_experiment: next_experiment.clone(),
         }));
-        let step = self.step(fit, names, next_experiment)?;
+        let step = self.step(fit, names)?;
         found.learn(self.problem, &step.residual);
         let accepted = self.accepts(found, &last, &step, best)?;
         if !accepted {
