@@ -2,7 +2,8 @@
 //!
 //! Windows of somewhat more than half a second are freed of their parabola, which takes out what is slow, and those of middling
 //! size count, which leaves out what a wrong model does after each step of the input. The autocovariance of what is left
-//! is the sensors' own: their filters, their converters' steps. It is corrected for what the parabola took.
+//! is the sensors' own: their filters, their converters' steps. It is described as noise of a first-order filter beside white
+//! noise, corrected for what the parabola took.
 
 use std::sync::LazyLock;
 
@@ -18,7 +19,7 @@ const LAGS: usize = 24;
 /// Fewer windows than this say nothing.
 const FEWEST: usize = 12;
 /// Noise counts as forgotten where its correlation has fallen to this share.
-const FORGOTTEN: f64 = 0.05;
+const FORGOTTEN: f64 = 0.03;
 
 /// Autocovariance of one channel's noise.
 #[derive(Clone, Debug, PartialEq)]
@@ -79,17 +80,43 @@ fn of_windows(mut windows: Vec<Vec<f64>>) -> Colour {
     let windows = &windows[windows.len() * 3 / 10..(windows.len() * 6).div_ceil(10)];
     let count = windows.len() as f64;
     let seen = DVector::from_fn(LAGS + 1, |k, _| windows.iter().map(|w| w[k]).sum::<f64>() / count);
-    let Some(found) = SHARE.clone().lu().solve(&seen) else { return Colour::white() };
+    let covariance = first_order(&seen);
     // where there is hardly any noise, steps of the sensor are all that it shows
-    if found[0] < 0.05 || !found.iter().all(|v| v.is_finite()) {
+    if covariance[0] < 0.05 || !covariance.iter().all(|v| v.is_finite()) {
         return Colour::white();
     }
-    let mut covariance: Vec<f64> = found.iter().copied().collect();
-    let mut out = Colour { covariance: covariance.clone() };
+    let mut out = Colour { covariance };
     // behind the lag at which it is forgotten there is nothing but chance
-    covariance.truncate(out.forgotten() + 1);
-    out.covariance = covariance;
+    out.covariance.truncate(out.forgotten() + 1);
     out
+}
+
+/// Autocovariance of first-order noise, averaged over targets, beside white noise that the windows show like this: `A r^k` from lag 1 on, and at 0
+/// what fits. What a window's parabola took can't be had back lag by lag, only by such a form: taken as they are, the longer lags
+/// would be off by a tenth of the variance.
+fn first_order(seen: &DVector<f64>) -> Vec<f64> {
+    let at_zero = SHARE.column(0);
+    let alone = at_zero.dot(seen) / at_zero.dot(&at_zero);
+    let misfit = |model: &DVector<f64>| (seen - model).norm_squared();
+    let mut best = (misfit(&(at_zero * alone)), alone, 0.0, 0.0);
+    for (kept, decaying) in DECAYING.iter() {
+        let (aa, ab, bb) = (decaying.dot(decaying), decaying.dot(&at_zero), at_zero.dot(&at_zero));
+        let (a, b) = (decaying.dot(seen), at_zero.dot(seen));
+        let determinant = aa * bb - ab * ab;
+        let (mut coloured, mut white) = ((a * bb - b * ab) / determinant, (b * aa - a * ab) / determinant);
+        // no series is more like its neighbour than like itself
+        if coloured * kept > coloured + white {
+            let together = decaying + at_zero * (kept - 1.0);
+            coloured = together.dot(seen) / together.dot(&together);
+            white = coloured * (kept - 1.0);
+        }
+        let left = misfit(&(decaying * coloured + at_zero * white));
+        if coloured > 0.0 && left < best.0 {
+            best = (left, coloured + white, coloured, *kept);
+        }
+    }
+    let (_, variance, coloured, kept) = best;
+    (0..=LAGS).map(|k| if k == 0 { variance } else { coloured * kept.powi(k as i32) }).collect()
 }
 
 /// Mean products by lag of a window freed of its parabola.
@@ -117,6 +144,12 @@ static SHARE: LazyLock<DMatrix<f64>> = LazyLock::new(|| {
         }
     }
     share
+});
+
+/// What windows show of noise that keeps a share of itself from each target to the next, by that share.
+static DECAYING: LazyLock<Vec<(f64, DVector<f64>)>> = LazyLock::new(|| {
+    let shares = (10..=96).map(|hundredths| hundredths as f64 / 100.0);
+    shares.map(|kept| (kept, &*SHARE * DVector::from_fn(LAGS + 1, |k, _| kept.powi(k as i32)))).collect()
 });
 
 #[cfg(test)]
@@ -157,7 +190,10 @@ mod tests {
             for k in 1..c.forgotten() {
                 assert!((c.at(k) / c.at(0) - kept.powi(k as i32)).abs() < 0.06, "{kept}, lag {k}: {c:?}");
             }
-            let expected = if kept > 0.0 { (0.05f64.ln() / kept.ln()).ceil() as usize } else { 1 };
+            // what is taken for forgotten is: of the noise's own size less than a fifth is left
+            let left = kept.powi(c.forgotten() as i32) - c.at(c.forgotten()).max(0.0);
+            assert!(left.abs() < 0.04, "{kept}: {left} at lag {}", c.forgotten());
+            let expected = if kept > 0.0 { (FORGOTTEN.ln() / kept.ln()).ceil() as usize } else { 1 };
             assert!(
                 (expected.saturating_sub(1)..=expected + 4).contains(&c.forgotten()),
                 "{kept}: {} for {expected}",

@@ -76,6 +76,21 @@ pub fn spread_about_line(values: &[f64]) -> f64 {
     (left.sum::<f64>() / (n - 2.0)).sqrt()
 }
 
+/// Standard error of the mean of values whose noise remembers itself for up to a twentieth of them: from how the means of tenths of
+/// them differ. 0 for fewer than 50, of which nothing is told so.
+pub fn error_of_mean(values: &[f64]) -> f64 {
+    const PARTS: usize = 10;
+    let length = values.len() / PARTS;
+    if length < 5 {
+        return 0.0;
+    }
+    let means: Vec<f64> =
+        values.chunks_exact(length).take(PARTS).map(|c| c.iter().sum::<f64>() / length as f64).collect();
+    let all = means.iter().sum::<f64>() / PARTS as f64;
+    let square = means.iter().map(|m| (m - all).powi(2)).sum::<f64>() / (PARTS - 1) as f64;
+    (square / PARTS as f64).sqrt()
+}
+
 /// Median; reorders its argument. 0 for an empty one.
 pub fn median(values: &mut [f64]) -> f64 {
     if values.is_empty() {
@@ -120,6 +135,28 @@ mod tests {
         let found = white_std(&series).unwrap();
         assert!((found / expected - 1.0).abs() < 0.01, "{found} {expected}");
         assert_eq!(white_std(&[1.0, 2.0]), None);
+    }
+
+    #[test]
+    fn the_error_of_a_mean_knows_the_noise_s_colour() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(7);
+        let normal = Normal::new(0.0, 1.0).unwrap();
+        for kept in [0.0, 0.95f64] {
+            let (mut last, mut true_square, mut told_square) = (0.0, 0.0, 0.0);
+            for _ in 0..400 {
+                let rest: Vec<f64> = (0..1000)
+                    .map(|_| {
+                        last = kept * last + (1.0 - kept * kept).sqrt() * normal.sample(&mut rng);
+                        last
+                    })
+                    .collect();
+                true_square += (rest.iter().sum::<f64>() / 1000.0).powi(2);
+                told_square += error_of_mean(&rest).powi(2);
+            }
+            let ratio = (told_square / true_square).sqrt();
+            assert!((0.85..1.15).contains(&ratio), "{kept}: {ratio}");
+        }
+        assert_eq!(error_of_mean(&[1.0; 49]), 0.0);
     }
 
     #[test]

@@ -53,7 +53,7 @@ pub fn trial(seed: u64, case: usize, keep: Option<&Path>) -> Result<Case, Failur
     let mut hitches = Vec::new();
     for attempt in 0..ATTEMPTS {
         let rig = draw(seed, case, attempt);
-        match prepare(seed, &planned, &rig, attempt < STRICT) {
+        match prepare(seed, &planned, &rig, attempt) {
             Ok(sealed) => {
                 if let Some(dir) = keep {
                     leave(dir, &sealed.recorded, &sealed.truth, case)?;
@@ -76,16 +76,19 @@ struct Sealed {
     without: Vec<Fit>,
 }
 
-/// The case's effects in their sizes, and its campaign. `strict`: an effect that misses its kind's range of strengths is a hitch.
-fn prepare(seed: u64, planned: &Planned, rig: &Rig, strict: bool) -> Result<Sealed, Hitch> {
+/// The case's effects in their sizes, and its campaign. On the first [`STRICT`] attempts an effect that misses its kind's range of
+/// strengths is a hitch; each later one asks for half as much, for there are effects with which no lever stands still any more.
+fn prepare(seed: u64, planned: &Planned, rig: &Rig, attempt: u64) -> Result<Sealed, Hitch> {
     let Planned { case, kind, ref effects } = *planned;
+    let strict = attempt < STRICT;
+    let milder = 0.5f64.powi((attempt + 1).saturating_sub(STRICT) as i32);
     let mut truth = Truth { parameters: rig.parameters, effects: Vec::new() };
     let mut recorded = record(&truth, rig, seed, case)?;
     if effects.is_empty() {
         return Ok(Sealed { truth, recorded, without: Vec::new() });
     }
     let mut rng = chance(seed, Stream::Sizes, u64::MAX - case as u64);
-    let (low, high) = (*kind.strength().start(), *kind.strength().end());
+    let (low, high) = (milder * kind.strength().start(), milder * kind.strength().end());
     let wanted: Vec<f64> = effects.iter().map(|_| in_log(&mut rng, low * 1.08, high / 1.08)).collect();
     let yardstick = Yardstick::new(&recorded, BRIEF_S)?;
     for (number, (effect, wanted)) in effects.iter().zip(&wanted).enumerate() {
@@ -127,8 +130,8 @@ fn prepare(seed: u64, planned: &Planned, rig: &Rig, strict: bool) -> Result<Seal
     Ok(Sealed { truth, recorded, without: Vec::new() })
 }
 
-/// Rigs on which the effects must have the strength of their kind; on a later one they are taken as they are, and the table says how
-/// strong that is.
+/// Rigs on which the effects must have the strength of their kind; on a later one they may be milder, and the table says how strong they
+/// are.
 const STRICT: u64 = 3;
 /// How often sizes are put right by what they show.
 const CORRECTIONS: usize = 4;

@@ -7,7 +7,7 @@ mod way;
 
 use recordings::{Plane, Protocol, Recording};
 
-use crate::noise::{mean, step, white_std};
+use crate::noise::{error_of_mean, mean, spread_about_line, step, white_std};
 use inputs::{drained_pressure, filled, led_angle, level, rests, smoothed};
 use rows::{block_starts, dwells, fillings, rest_rows, slow, thinned};
 
@@ -73,7 +73,8 @@ pub fn stretches(
             })?;
             for (j, channel) in [Channel::Angle, Channel::Pressure1, Channel::Pressure2].into_iter().enumerate() {
                 let values = &channel.of(&r)[..rest];
-                let n = values.iter().filter(|v| v.is_finite()).count();
+                let present: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
+                let n = present.len();
                 if n < 5 {
                     return Err(unusable(format!(
                         "{}: expected values during the initial rest, got {n} of {rest} rows",
@@ -81,7 +82,8 @@ pub fn stretches(
                     )));
                 }
                 let noise = white_std(channel.of(&r)).unwrap_or(0.0).max(1e-9);
-                let (m, std) = (level(values, noise.max(step(channel.of(&r)))), noise / (n as f64).sqrt());
+                let m = level(values, noise.max(step(channel.of(&r))).max(spread_about_line(&present)));
+                let std = (noise / (n as f64).sqrt()).max(error_of_mean(&present));
                 let unit = if j == 0 { std::f64::consts::PI / 180.0 } else { 1.0 };
                 s.initial[j] = m * unit;
                 s.initial_std[j] = 2.0 * std * unit;

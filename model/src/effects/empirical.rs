@@ -292,3 +292,43 @@ impl Law for EmpiricalSensor {
         x.copy_from_slice(&rest.pressure_bar);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::port::LinePort;
+
+    const VOLTAGE_V: f64 = 12.0;
+
+    /// Flow that `past_opening` alone adds at this opening, and how its memory moves.
+    fn past_opening(x: &[f64; 3], opening: f64) -> (f64, f64) {
+        let n = EmpiricalPump::HEADER.parameters.iter().position(|p| p.name == "past_opening").unwrap();
+        let mut k = vec![0.0; EmpiricalPump::HEADER.parameters.len()];
+        k[n] = 3.0;
+        let mut line = LinePort {
+            time_s: 1.0,
+            voltage_v: VOLTAGE_V,
+            dp_bar: 0.7,
+            flow_ml_s: 0.0,
+            slip_ml_s_bar: 0.25,
+            drive_ml_s: 7.0,
+            opening,
+            open: opening > 0.0,
+        };
+        let mut dx = [0.0; 3];
+        EmpiricalPump.act(&k, x, &mut dx, &mut Port::Line(&mut line));
+        (line.flow_ml_s, dx[2])
+    }
+
+    #[test]
+    fn a_valve_s_past_acts_after_a_switch_alone_and_is_forgotten() {
+        let settled = |opening: f64| [VOLTAGE_V / 24.0, VOLTAGE_V / 24.0, opening];
+        for opening in [0.0, 1.0] {
+            assert_eq!(past_opening(&settled(opening), opening), (0.0, 0.0), "a valve that stands");
+        }
+        let (after_closing, falls) = past_opening(&settled(1.0), 0.0);
+        let (after_opening, rises) = past_opening(&settled(0.0), 1.0);
+        assert!(after_closing > 0.0 && after_closing == -after_opening, "oil still passes, or does not yet");
+        assert!((falls, rises) == (-20.0, 20.0), "forgotten with 50 ms, 1/s");
+    }
+}
