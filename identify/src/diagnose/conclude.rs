@@ -8,7 +8,8 @@ use super::compare::empirical;
 use super::round::Round;
 use super::search::{Found, Name, Search, Step};
 use super::{
-    Added, CLEAR, CONSISTENT, DISAGREE, Diagnosis, EXPLAINED, LEVEL, MATERIAL, PREFERRED, SUBSTANTIAL, Verdict,
+    Added, CLEAR, CONSISTENT, DISAGREE, Diagnosis, EXPLAINED, LEVEL, MATERIAL, MOST_EFFECTS, PREFERRED, SUBSTANTIAL,
+    Verdict,
 };
 use crate::fit::Fit;
 use crate::misfit::{self, Part};
@@ -50,16 +51,13 @@ impl Search<'_> {
         let chosen = (1..found.steps.len()).rev().find(|&n| self.explains(&found, n));
         let nameless = match chosen {
             Some(n) => {
-                // names whose form leaves a substantial part must do better than terms without a name
                 let left = self.left(&found, &found.steps[n]);
-                let whole = misfit::total(&self.left(&found, &before));
-                if misfit::largest(&left) < CONSISTENT || misfit::total(&left) < SUBSTANTIAL * whole {
-                    None
-                } else {
-                    self.nameless(&mut found, true)?.filter(|step| {
-                        misfit::total(&self.left(&found, step))
-                            < NAMELESS * misfit::total(&self.left(&found, &found.steps[n]))
-                    })
+                let of_whole = misfit::total(&left) / misfit::total(&self.left(&found, &before));
+                match enough(found.steps[n].names.len(), misfit::largest(&left), of_whole) {
+                    Some(share) => self
+                        .nameless(&mut found, true)?
+                        .filter(|step| misfit::total(&self.left(&found, step)) < share * misfit::total(&left)),
+                    None => None,
                 }
             }
             None if largest >= MATERIAL => {
@@ -172,11 +170,30 @@ impl Search<'_> {
     }
 }
 
+/// Two names that leave less than this (noise floors) are no imitation of something else.
+const IMITATED: f64 = 0.2;
+/// Two names whose form leaves more than this share of the whole (a tenth of its amplitude) leave less than terms without a name do.
+const FORM_OF_TWO: f64 = 0.01;
+/// Where they leave less than that, those must leave next to nothing of it: with terms for everything they always leave a little less.
+const NAMELESS_OF_TWO: f64 = 0.2;
 /// A second effect explains this share of what the first one leaves, down to noise, where it is small beside that.
 const COMPLETE: f64 = 0.9;
-/// Terms without a name are preferred to names that leave more than noise where they leave less than this share of what the names
-/// leave.
+/// Terms without a name are preferred to a name that leaves more than noise where they leave less than this share of what the name
+/// leaves.
 const NAMELESS: f64 = 0.5;
+
+/// The share of what names leave below which terms without a name must come to be preferred to them; `None` where names need no
+/// such comparison. `largest`: what they leave, noise floors; `of_whole`: as a share of what there was.
+///
+/// A name whose form leaves a substantial part must do better. Two names that leave more than noise must in any case: many a foreign
+/// effect is imitated by two.
+fn enough(names: usize, largest: f64, of_whole: f64) -> Option<f64> {
+    if names >= MOST_EFFECTS {
+        let share = if of_whole > FORM_OF_TWO { 1.0 } else { NAMELESS_OF_TWO };
+        return (largest >= IMITATED).then_some(share);
+    }
+    (largest >= CONSISTENT && of_whole >= SUBSTANTIAL).then_some(NAMELESS)
+}
 
 /// 1 - structured residual after / before, over the parts that decide.
 fn explained_share(before: &[Part], after: &[Part]) -> f64 {
