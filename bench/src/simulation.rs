@@ -2,6 +2,7 @@
 
 use model::effects::{self, EffectSet};
 use model::integrate::{Integrator, SimulationError};
+use model::parameters::AddedEffect;
 use model::rec::{self, Circuit, Input, Lever, STATES, state};
 use model::{ModelFile, effects::Effect};
 use recordings::{Plane, Recording};
@@ -43,28 +44,31 @@ pub enum FreeRunError {
 
 /// The effects of `model.toml` with their parameters.
 pub fn added_effects(model: &ModelFile) -> Result<EffectSet<f64>, FreeRunError> {
-    let mut set: Vec<(&'static dyn Effect, Vec<f64>)> = Vec::new();
-    for added in &model.effect {
-        let effect = effects::find(&added.id).ok_or_else(|| FreeRunError::UnknownEffect {
+    Ok(EffectSet::new(STATES, effects_of(model)?))
+}
+
+/// An effect with values in the order of its header.
+pub type Valued = (&'static dyn Effect, Vec<f64>);
+
+/// The same one by one, each in the form to which its parameters belong.
+pub fn effects_of(model: &ModelFile) -> Result<Vec<Valued>, FreeRunError> {
+    let one = |added: &AddedEffect| {
+        let given = |name: &str| added.parameters.contains_key(name);
+        let effect = effects::find_form(&added.id, given).ok_or_else(|| FreeRunError::UnknownEffect {
             id: added.id.clone(),
             known: effects::LIBRARY.iter().map(|e| e.header().id).collect::<Vec<_>>().join(", "),
         })?;
-        let values = effect.header().parameters.iter().map(|p| {
+        let parameters = effect.header().parameters;
+        let values = parameters.iter().map(|p| {
             added.parameters.get(p.name).copied().ok_or_else(|| FreeRunError::MissingParameter {
                 id: added.id.clone(),
                 parameter: p.name,
-                all: effect
-                    .header()
-                    .parameters
-                    .iter()
-                    .map(|p| format!("{} ({})", p.name, p.unit))
-                    .collect::<Vec<_>>()
-                    .join(", "),
+                all: parameters.iter().map(|p| format!("{} ({})", p.name, p.unit)).collect::<Vec<_>>().join(", "),
             })
         });
-        set.push((effect, values.collect::<Result<_, _>>()?));
-    }
-    Ok(EffectSet::new(STATES, set))
+        Ok((effect, values.collect::<Result<_, _>>()?))
+    };
+    model.effect.iter().map(one).collect()
 }
 
 /// Simulates the free lever from the run's first sample, at rest, with the run's voltage and valves. Angle and pressures of

@@ -11,8 +11,10 @@ pub mod equations;
 pub mod equivalence;
 pub mod figure;
 pub mod figures;
+
 pub mod findings;
 pub mod fit;
+pub mod forms;
 pub mod identification;
 pub mod judged;
 pub mod layout;

@@ -7,14 +7,13 @@ use crate::report::{Report, render};
 use crate::rig_file::RIG_FILE;
 use crate::rig_file::Rig;
 use crate::setup::Knowledge;
-use crate::simulation::added_effects;
+use crate::simulation::effects_of;
 use identify::analysis::{Analysis, Depth, WriteError, analyse_from, write_whole};
 use identify::declared::Declared;
 use identify::figures::text::number;
 use identify::identification::{IdentifyError, Loaded};
 use identify::torque_form::TorqueForm;
 use model::ModelFile;
-use model::effects::find;
 use recordings::McapReader;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -161,13 +160,8 @@ fn surroundings(loaded: &Loaded) -> Result<Rig, Failure> {
 /// The effects of a model file as part of what is identified.
 fn declared(model: &ModelFile) -> Result<Declared, Failure> {
     // says what is missing or unknown
-    added_effects(model).map_err(|e| Failure::of(Kind::Input, &e))?;
-    let effects = model.effect.iter().filter_map(|added| {
-        let effect = find(&added.id)?;
-        let values = effect.header().parameters.iter().filter_map(|p| added.parameters.get(p.name).copied());
-        Some((effect, values.collect()))
-    });
-    Ok(Declared { parameters: model.parameters, effects: effects.collect() })
+    let effects = effects_of(model).map_err(|e| Failure::of(Kind::Input, &e))?;
+    Ok(Declared { parameters: model.parameters, effects })
 }
 
 /// Writes `model.toml`, `report.json`, `findings.json` (where there was a diagnosis) and `report.html`.

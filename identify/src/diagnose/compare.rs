@@ -7,14 +7,14 @@ use model::integrate::SimulationError;
 use super::holdout::HoldOut;
 use super::round::Round;
 use super::search::Search;
-use super::{MATERIAL, PREFERRED, Ranked, SECOND};
+use super::{MATERIAL, PREFERRED, Ranked};
 use crate::colour::{Colour, colours};
 use crate::fit::{Effort, Fit};
 use crate::misfit;
 use crate::problem::{Point, Problem};
 use crate::refit::{Bases, Refit, advantage, refit};
 use crate::score::Direction;
-use crate::shapes;
+use crate::{forms, shapes};
 
 /// Share of one effect's direction that another's hold from which on they look alike: an angle of less than 18 degrees.
 const ALIKE: f64 = 0.9;
@@ -30,6 +30,8 @@ const RIVAL: f64 = 0.95;
 /// effect chance explains a part.
 const HALF: f64 = 0.5;
 const CHANCE: f64 = 2.0;
+/// (noise floors).
+const NOISE: f64 = 0.3;
 
 /// Refits each set of the shortlist; the lowest cost first.
 ///
@@ -70,6 +72,9 @@ pub(super) fn refit_all(
     let gain = before - out.first().map_or(before, |r| r.fit.cost);
     for r in out.iter_mut().take(SHAPED).filter(|r| before - r.fit.cost > HALF * gain) {
         if !is_noise(problem, &r.fit) {
+            r.fit = forms::refined(problem, r.fit.clone(), GENERAL.effort());
+        }
+        if !is_noise(problem, &r.fit) {
             r.fit = shapes::search(problem, r.fit.clone(), HEATS[2].effort());
         }
     }
@@ -80,8 +85,11 @@ pub(super) fn refit_all(
     out
 }
 
-/// So many of the best candidates are given other shapes where theirs leave more than noise: they may be caught in a false minimum.
+/// So many of the best candidates are given their general form and other shapes where theirs leave more than noise: the rig's may differ, or
+/// they may be caught in a false minimum.
 const SHAPED: usize = 3;
+/// A general form has to find its place first.
+const GENERAL: Heat = Heat { iterations: 15, ..HEATS[3] };
 
 /// A fit leaves nothing that matters.
 fn is_noise(problem: &Problem, fit: &Fit) -> bool {
@@ -230,7 +238,7 @@ pub(super) fn rivals(problem: &Problem, refits: &[Refit], before: f64) -> Result
         let other = problem.residuals(&r.fit.layout, &r.fit.point)?;
         let (_, z) = advantage(&other, &best, &clusters, count);
         let alike = share >= RIVAL && z < PREFERRED;
-        let by_chance = || z < CHANCE && misfit::largest(&misfit::parts(problem, &other, &noise)) < SECOND;
+        let by_chance = || z < CHANCE && misfit::largest(&misfit::parts(problem, &other, &noise)) < NOISE;
         if alike || by_chance() {
             out.push(r.clone());
         }

@@ -23,13 +23,13 @@ impl Search<'_> {
         misfit::parts(self.problem, &step.held_out, &found.colours)
     }
 
-    /// The names of a step are the explanation.
+    /// Whether the names of a step are the explanation.
     ///
     /// Either what they leave is noise. Or the last of them explains the overwhelming share of what was there before it, or
     /// together they leave no substantial part of the whole, and every run asks for the same size of it: then the rest is a matter of
     /// form, for another effect never has the form of an error exactly. A second name does a substantial part of the whole, or nearly all
     /// that was left, down to noise. Names that each explain part of a misfit which stays are none.
-    fn explains(&self, found: &Found, number: usize) -> bool {
+    fn explains(&self, found: &Found, number: usize) -> Explains {
         let step = &found.steps[number];
         let total = |n: usize| misfit::total(&self.left(found, &found.steps[n]));
         let left = misfit::largest(&self.left(found, step));
@@ -41,14 +41,23 @@ impl Search<'_> {
         let complete = left < CONSISTENT && share >= COMPLETE;
         let substantial = number == 1 || of_whole >= SUBSTANTIAL || complete;
         let overwhelming = share >= EXPLAINED || after < SUBSTANTIAL * first;
-        substantial && (left < CONSISTENT || (overwhelming && step.disagreement <= DISAGREE))
+        let agreed = step.disagreement <= DISAGREE;
+        if substantial && (left < CONSISTENT || (overwhelming && agreed)) {
+            Explains::Yes
+        } else if substantial && share >= MOSTLY && agreed {
+            Explains::Mostly
+        } else {
+            Explains::No
+        }
     }
 
     /// The verdict.
     pub fn conclude(&self, mut found: Found, first: &Round) -> Result<Diagnosis, SimulationError> {
         let before = found.steps[0].clone();
         let largest = misfit::largest(&found.parts(self.problem, &before));
-        let chosen = (1..found.steps.len()).rev().find(|&n| self.explains(&found, n));
+        let judged: Vec<Explains> = (1..found.steps.len()).map(|n| self.explains(&found, n)).collect();
+        let last = |as_judged: Explains| judged.iter().rposition(|j| *j == as_judged).map(|n| n + 1);
+        let mut chosen = last(Explains::Yes);
         let nameless = match chosen {
             Some(n) => {
                 let left = self.left(&found, &found.steps[n]);
@@ -62,7 +71,16 @@ impl Search<'_> {
             }
             None if largest >= MATERIAL => {
                 let certain = found.steps.len() > 1 || largest > CLEAR;
-                self.nameless(&mut found, certain)?
+                let nameless = self.nameless(&mut found, certain)?;
+                let total = |step: &Step| misfit::total(&self.left(&found, step));
+                match (last(Explains::Mostly), &nameless) {
+                    // no other effect of any form comes near the name
+                    (Some(n), Some(terms)) if total(&found.steps[n]) < NAMELESS * total(terms) => {
+                        chosen = Some(n);
+                        None
+                    }
+                    _ => nameless,
+                }
             }
             None => None,
         };
@@ -170,6 +188,19 @@ impl Search<'_> {
     }
 }
 
+/// How far names are the explanation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Explains {
+    /// They are.
+    Yes,
+    /// They are if terms without a name leave far more.
+    Mostly,
+    /// Not by themselves.
+    No,
+}
+
+/// A name that explains less than [`EXPLAINED`] but this share stands where terms without a name leave twice as much as it, or more.
+const MOSTLY: f64 = 0.75;
 /// Two names that leave less than this (noise floors) are no imitation of something else.
 const IMITATED: f64 = 0.2;
 /// Two names whose form leaves more than this share of the whole (a tenth of its amplitude) leave less than terms without a name do.
@@ -212,4 +243,20 @@ fn balance_p_values(first: &Round, last: &Round, added: &[Added]) -> Vec<(Balanc
             (b, round.p_value(|d| d.effect.header().balance == b))
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_names_are_held_against_terms_without_one_sooner_than_a_single_name() {
+        assert_eq!(enough(1, 0.3, 0.5), None, "noise, nearly");
+        assert_eq!(enough(1, 2.0, 0.01), None, "a matter of its form");
+        assert_eq!(enough(1, 2.0, 0.1), Some(NAMELESS));
+        assert_eq!(enough(2, 0.1, 0.5), None, "noise");
+        assert_eq!(enough(2, 0.3, 0.001), Some(NAMELESS_OF_TWO));
+        assert_eq!(enough(2, 2.0, 0.03), Some(1.0));
+        assert_eq!(enough(1, 0.0, f64::NAN), None, "nothing was there");
+    }
 }

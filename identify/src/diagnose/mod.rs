@@ -106,8 +106,8 @@ pub(crate) const CONSISTENT: f64 = 0.45;
 const EXPLAINED: f64 = 0.85;
 /// Standard errors (by clusters) by which one model must be better than another to be preferred.
 const PREFERRED: f64 = 3.0;
-/// A second effect is looked for from this structured residual on (noise floors) where the first explains nearly all.
-const SECOND: f64 = 0.3;
+/// A second effect is looked for from this structured residual on (noise floors): it must do [`MATERIAL`] at least.
+const SECOND: f64 = 0.15;
 /// A substantial part of the whole (a quarter of its amplitude). A second effect does at least that; what names leave below it is a
 /// matter of their form.
 const SUBSTANTIAL: f64 = 0.05;

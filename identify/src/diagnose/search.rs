@@ -8,7 +8,7 @@ use super::compare::{
 };
 use super::holdout::HoldOut;
 use super::round::Round;
-use super::{BRIEF_S, CLEAR, Declared, GROSS, LEVEL, LOST, MATERIAL, PREFERRED, Ranked, SHORT_S};
+use super::{BRIEF_S, CLEAR, Declared, EXPLAINED, GROSS, LEVEL, LOST, MATERIAL, PREFERRED, Ranked, SHORT_S};
 use crate::colour::{Colour, colours};
 use crate::fit::{FAR, Fit};
 use crate::identification::covariance_of;
@@ -224,7 +224,8 @@ impl<'a> Search<'a> {
     }
 
     /// Every judge agrees: the fit is better where it was fitted and where it was not, by more than noise matters, and what
-    /// was added is physical and known to be other than zero.
+    /// was added is physical and known to be other than zero. Where a misfit is certain and the candidate takes it away, it need not stand out
+    /// as far: an effect that shows at a few switches of a valve alone can't.
     pub fn accepts(&self, found: &Found, last: &Step, step: &Step, best: &Refit) -> Result<bool, SimulationError> {
         let before = misfit::total(&found.parts(self.problem, last));
         let removed = (before - misfit::total(&found.parts(self.problem, step))).max(0.0).sqrt();
@@ -240,7 +241,11 @@ impl<'a> Search<'a> {
             names = ?best.added, better, held, held_better, removed, sound, disagreement, cost = step.fit.cost,
             "best candidate"
         );
-        let preferred = better.max(held_better) >= PREFERRED && held > 0.0 && held_better >= HELD;
+        let left = |step: &Step| misfit::total(&self.left(found, step));
+        let certain = misfit::largest(&found.parts(self.problem, last)) > CLEAR;
+        let complete = left(step) < (1.0 - EXPLAINED) * left(last);
+        let needed = if certain && complete { HELD } else { PREFERRED };
+        let preferred = better.max(held_better) >= needed && held > 0.0 && held_better >= HELD;
         Ok(preferred && removed >= MATERIAL && sound)
     }
 }

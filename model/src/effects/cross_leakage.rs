@@ -1,6 +1,6 @@
 //! Oil that passes the valve block from one chamber to the other.
 
-use super::{Balance, Header, Law, Parameter};
+use super::{Balance, Header, Law, Parameter, Refined};
 use crate::port::{Port, PortKind};
 use crate::scalar::Scalar;
 
@@ -25,6 +25,7 @@ impl Law for CrossLeakage {
         starts: &[&[0.03, 0.02], &[0.5, 0.02], &[3.0, 0.1], &[0.3, 5.0]],
         passive: true,
     };
+    const REFINED: Option<Refined> = Some(Refined { effect: &AnyPower, neutral: &[0.5], starts: &[&[0.7]] });
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Hydraulic(h) = port
@@ -32,6 +33,34 @@ impl Law for CrossLeakage {
         {
             let dp = h.pressure_bar[0] - h.pressure_bar[1];
             let leak = k[0] * dp / (dp * dp + k[1] * k[1]).sqrt().sqrt();
+            h.flow_ml_s[0] -= leak;
+            h.flow_ml_s[1] += leak;
+        }
+    }
+}
+
+/// A gap between a laminar and a turbulent one.
+struct AnyPower;
+
+impl Law for AnyPower {
+    const HEADER: Header = Header {
+        equation: "q = k*dp*(dp^2 + d^2)^((m - 1)/2) from chamber 1 to chamber 2, also with the brake closed; none where the chambers are shut off one by one",
+        validity: "a gap of any kind: m = 0.5 turbulent, 1 laminar; k in ml/(s bar^m); laminar within the transition pressure d",
+        parameters: &[
+            CrossLeakage::HEADER.parameters[0],
+            CrossLeakage::HEADER.parameters[1],
+            Parameter { name: "m", unit: "1", lower: 0.4, upper: 1.1, typical: 0.7, size: false },
+        ],
+        starts: &[&[0.03, 0.02, 0.7]],
+        ..CrossLeakage::HEADER
+    };
+
+    fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Hydraulic(h) = port
+            && !h.shut_off
+        {
+            let dp = h.pressure_bar[0] - h.pressure_bar[1];
+            let leak = k[0] * dp * (dp * dp + k[1] * k[1]).powf((k[2] - 1.0) * 0.5);
             h.flow_ml_s[0] -= leak;
             h.flow_ml_s[1] += leak;
         }

@@ -1,6 +1,6 @@
 //! Oil that leaves a chamber to the outside, against the paper's assumption 3.
 
-use super::{Balance, Header, Law, Parameter};
+use super::{Balance, Header, Law, Parameter, Refined};
 use crate::port::{AMBIENT_BAR, Port, PortKind};
 use crate::scalar::Scalar;
 
@@ -25,11 +25,39 @@ impl Law for ExternalLeakage {
         starts: &[&[0.002, 0.0], &[0.0, 0.002], &[0.002, 0.002], &[0.05, 0.0], &[0.0, 0.05]],
         passive: true,
     };
+    const REFINED: Option<Refined> = Some(Refined { effect: &AnyPower, neutral: &[1.0], starts: &[&[0.6]] });
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Hydraulic(h) = port {
             for (i, k) in k.iter().enumerate() {
                 h.flow_ml_s[i] -= *k * (h.pressure_bar[i] - AMBIENT_BAR);
+            }
+        }
+    }
+}
+
+/// A gap between a laminar and a turbulent one.
+struct AnyPower;
+
+impl Law for AnyPower {
+    const HEADER: Header = Header {
+        equation: "q_i = k_i*(p_i - p_amb)*abs(p_i - p_amb)^(m - 1) out of chamber i = 1, 2, also where it is shut off",
+        validity: "a gap of any kind: m = 0.5 turbulent, 1 laminar; k_i in ml/(s bar^m); oil that has left does not come back",
+        parameters: &[
+            ExternalLeakage::HEADER.parameters[0],
+            ExternalLeakage::HEADER.parameters[1],
+            Parameter { name: "m", unit: "1", lower: 0.4, upper: 1.2, typical: 0.5, size: false },
+        ],
+        starts: &[&[0.002, 0.002, 0.6]],
+        ..ExternalLeakage::HEADER
+    };
+
+    fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Hydraulic(h) = port {
+            for i in 0..2 {
+                let gauge = h.pressure_bar[i] - AMBIENT_BAR;
+                // laminar within a hundredth of a bar: a power has no slope at 0
+                h.flow_ml_s[i] -= k[i] * gauge * (gauge * gauge + 1e-4).powf((k[2] - 1.0) * 0.5);
             }
         }
     }

@@ -81,6 +81,26 @@ pub fn find(id: &str) -> Option<&'static dyn Effect> {
     LIBRARY.iter().copied().find(|e| e.header().id == id)
 }
 
+/// The form of the effect with this id to which these parameters belong: the library's, or its refined one where `given` knows a parameter
+/// that only that has.
+pub fn find_form(id: &str, given: impl Fn(&str) -> bool) -> Option<&'static dyn Effect> {
+    let effect = find(id)?;
+    let plain = effect.header().parameters.len();
+    let refined = effect.refined().map(|r| r.effect);
+    refined.filter(|r| r.header().parameters[plain..].iter().any(|p| given(p.name))).or(Some(effect))
+}
+
+/// The more general form of an effect, by which its form is refined once its name stands: a search over the library need not carry its
+/// parameters.
+pub struct Refined {
+    /// The law. It has the id of the effect and its parameters, and behind them some of its own.
+    pub effect: &'static dyn Effect,
+    /// Values of its own parameters at which it is the library's form.
+    pub neutral: &'static [f64],
+    /// Values of its own parameters from which it is fitted.
+    pub starts: &'static [&'static [f64]],
+}
+
 /// The balance of the plant that an effect disturbs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Balance {
@@ -168,6 +188,8 @@ pub trait Law: Sync + 'static {
     const HEADER: Header;
     /// Asks for [`crate::port::HydraulicPort::stored_slope_ml_rad`], which is 0 where no effect does: it is dear.
     const CLOSES_VOLUME: bool = false;
+    /// A more general form, where there is one.
+    const REFINED: Option<Refined> = None;
     /// Acts on a port: `k` parameters in the header's order, `x` own states, `dx` their derivatives (zero on entry).
     fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>);
     /// Own states at rest.
@@ -182,6 +204,8 @@ pub trait Effect: Sync {
     fn header(&self) -> &'static Header;
     /// [`Law::CLOSES_VOLUME`].
     fn closes_volume(&self) -> bool;
+    /// [`Law::REFINED`].
+    fn refined(&self) -> Option<&'static Refined>;
     /// [`Law::act`] for values.
     fn act_value(&self, k: &[f64], x: &[f64], dx: &mut [f64], port: &mut Port<'_, f64>);
     /// [`Law::act`] with derivatives.
@@ -198,6 +222,9 @@ impl<L: Law> Effect for L {
     }
     fn closes_volume(&self) -> bool {
         L::CLOSES_VOLUME
+    }
+    fn refined(&self) -> Option<&'static Refined> {
+        const { &L::REFINED }.as_ref()
     }
     fn act_value(&self, k: &[f64], x: &[f64], dx: &mut [f64], port: &mut Port<'_, f64>) {
         self.act(k, x, dx, port);

@@ -1,6 +1,6 @@
 //! A pump that slips more as its oil warms.
 
-use super::{Balance, Header, Law, Parameter};
+use super::{Balance, Header, Law, Parameter, Refined};
 use crate::port::{Port, PortKind};
 use crate::scalar::Scalar;
 
@@ -25,10 +25,35 @@ impl Law for PumpWarming {
         starts: &[&[0.01, 15.0], &[0.01, 60.0], &[0.03, 250.0], &[0.3, 30.0], &[0.5, 120.0]],
         passive: true,
     };
+    const REFINED: Option<Refined> = Some(Refined { effect: &SlowerAndSlower, neutral: &[1e-6], starts: &[&[1.0]] });
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Line(l) = port {
             let warmed = -(S::constant(-l.time_s) / k[1]).exp() + 1.0;
+            l.flow_ml_s -= k[0] * warmed * l.dp_bar * l.opening;
+        }
+    }
+}
+
+/// A body that warms ever more slowly: several time constants in a row.
+struct SlowerAndSlower;
+
+impl Law for SlowerAndSlower {
+    const HEADER: Header = Header {
+        equation: "Q -= k*(1 - (1 + s*t/tau)^(-1/s))*dp*opening of the brake valve",
+        validity: "t since the run's start; s = 0 one time constant, 1 a hyperbola",
+        parameters: &[
+            PumpWarming::HEADER.parameters[0],
+            PumpWarming::HEADER.parameters[1],
+            Parameter { name: "s", unit: "1", lower: 1e-6, upper: 4.0, typical: 1.0, size: false },
+        ],
+        starts: &[&[0.03, 60.0, 1.0]],
+        ..PumpWarming::HEADER
+    };
+
+    fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Line(l) = port {
+            let warmed = -(-((k[2] * l.time_s / k[1] + 1.0).ln() / k[2])).exp() + 1.0;
             l.flow_ml_s -= k[0] * warmed * l.dp_bar * l.opening;
         }
     }

@@ -1,6 +1,6 @@
 //! Friction that is highest just above rest and falls with velocity, on top of eq. (16).
 
-use super::{Balance, Header, Law, Parameter};
+use super::{Balance, Header, Law, Parameter, Refined};
 use crate::port::{Port, PortKind};
 use crate::scalar::Scalar;
 
@@ -26,12 +26,40 @@ impl Law for StribeckFriction {
         starts: &[&[0.1, 0.05, 0.02], &[0.1, 0.2, 0.02], &[0.1, 0.8, 0.02], &[1.5, 0.1, 0.02], &[1.5, 0.5, 0.02]],
         passive: true,
     };
+    const REFINED: Option<Refined> = Some(Refined { effect: &AnyFall, neutral: &[2.0], starts: &[&[1.0]] });
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Mechanical(m) = port {
             let w = m.velocity_rad_s;
             let fall = w / k[1];
             m.torque_nm -= k[0] * (-(fall * fall)).exp() * (w / k[2]).tanh();
+        }
+    }
+}
+
+/// A peak that falls with velocity in another way.
+struct AnyFall;
+
+impl Law for AnyFall {
+    const HEADER: Header = Header {
+        equation: "M -= k*exp(-(abs(w)/w_v)^delta)*tanh(w/w_s)",
+        parameters: &[
+            StribeckFriction::HEADER.parameters[0],
+            StribeckFriction::HEADER.parameters[1],
+            StribeckFriction::HEADER.parameters[2],
+            Parameter { name: "delta", unit: "1", lower: 0.4, upper: 4.0, typical: 1.0, size: false },
+        ],
+        starts: &[&[0.1, 0.2, 0.02, 1.0]],
+        ..StribeckFriction::HEADER
+    };
+
+    fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Mechanical(m) = port {
+            let w = m.velocity_rad_s;
+            let fall = w / k[1];
+            // the power has a slope at rest as well
+            let fallen = (fall * fall + 1e-8).powf(k[3] * 0.5);
+            m.torque_nm -= k[0] * (-fallen).exp() * (w / k[2]).tanh();
         }
     }
 }

@@ -50,8 +50,13 @@ fn inputs(rng: &mut ChaCha8Rng) -> Vec<Input> {
 }
 
 /// Both lists: the rig fills every port, so that it can carry the general effects as well.
-fn all() -> impl Iterator<Item = &'static &'static dyn Effect> {
+fn listed() -> impl Iterator<Item = &'static &'static dyn Effect> {
     LIBRARY.iter().chain(MECHANICAL)
+}
+
+/// Those and their refined forms, which the same rules hold for.
+fn all() -> impl Iterator<Item = &'static &'static dyn Effect> {
+    listed().flat_map(|e| std::iter::once(e).chain(e.refined().map(|r| &r.effect)))
 }
 
 fn set(effect: &'static dyn Effect, k: &[f64]) -> EffectSet<f64> {
@@ -107,7 +112,7 @@ fn parameter_vectors(header: &Header) -> Vec<Vec<f64>> {
 
 #[test]
 fn headers_are_complete_and_ids_unique() {
-    let mut ids: Vec<&str> = all().map(|e| e.header().id).collect();
+    let mut ids: Vec<&str> = listed().map(|e| e.header().id).collect();
     ids.sort_unstable();
     ids.dedup();
     assert_eq!(ids.len(), LIBRARY.len() + MECHANICAL.len(), "two effects share an id");
@@ -255,7 +260,8 @@ fn finite_in_the_envelope_at_starts_and_bounds() {
 /// The parameters of the mirrored effect: what chamber 1 had, chamber 2 has, and directions are reversed.
 fn mirrored(id: &str, k: &[f64]) -> Option<Vec<f64>> {
     Some(match id {
-        "external_leakage" | "trapped_air" | "pressure_lag" => vec![k[1], k[0]],
+        // the first two are one chamber's and the other's; a form's own parameters hold for both
+        "external_leakage" | "trapped_air" | "pressure_lag" => [&[k[1], k[0]], &k[2..]].concat(),
         "pressure_drift" => vec![k[2], k[3], k[0], k[1], k[4]],
         "tilt" => vec![k[0], -k[1]],
         "angle_offset" | "quadratic_stiffness" | "force_offset" | "asymmetric_coulomb" => vec![-k[0]],
@@ -313,4 +319,44 @@ fn both_chambers_are_treated_alike() {
             }
         }
     }
+}
+
+#[test]
+fn a_refined_form_is_the_library_s_at_its_neutral_values() {
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    let mut forms = 0;
+    for effect in listed() {
+        let Some(refined) = effect.refined() else { continue };
+        let (plain, general) = (effect.header(), refined.effect.header());
+        forms += 1;
+        assert_eq!((general.id, general.balance), (plain.id, plain.balance));
+        let (same, own) = general.parameters.split_at(plain.parameters.len());
+        assert!(same.iter().zip(plain.parameters).all(|(a, b)| a.name == b.name), "{}", plain.id);
+        assert!(own.iter().all(|p| !p.size), "{}: a form alone does nothing", plain.id);
+        for own_values in refined.starts.iter().chain([&refined.neutral]) {
+            assert_eq!(own_values.len(), own.len(), "{}", plain.id);
+            let within = |(p, v): (&Parameter, &f64)| (p.lower..=p.upper).contains(v);
+            assert!(own.iter().zip(*own_values).all(within), "{}", plain.id);
+        }
+        assert!(find_form(plain.id, |name| name == own[0].name).is_some_and(|e| std::ptr::eq(e.header(), general)));
+        assert!(find_form(plain.id, |name| name == same[0].name).is_some_and(|e| std::ptr::eq(e.header(), plain)));
+        let base = Parameters::example().to_vector();
+        for start in plain.starts {
+            let whole = [start, refined.neutral].concat();
+            for input in inputs(&mut rng) {
+                let plant = state(&mut rng);
+                let moved = |effect: &'static dyn Effect, k: &[f64]| {
+                    let set = set(effect, k);
+                    let x = with_rest_states(&input, &base, &set, &plant);
+                    let all = everything(&input, &base, &set, 40.0, &x);
+                    // states of its own apart
+                    [&all[..STATES], &all[x.len()..]].concat()
+                };
+                for (a, b) in moved(*effect, start).iter().zip(moved(refined.effect, &whole)) {
+                    assert!((a - b).abs() <= 1e-4 * (1.0 + a.abs()), "{}: {a} {b}", plain.id);
+                }
+            }
+        }
+    }
+    assert!(forms > 0);
 }

@@ -1,6 +1,6 @@
 //! Viscoelastic chamber walls: part of the capacity answers with a delay.
 
-use super::{Balance, Header, Law, Parameter};
+use super::{Balance, Header, Law, Parameter, Refined};
 use crate::port::{AMBIENT_BAR, Port, PortKind, Rest};
 use crate::scalar::Scalar;
 
@@ -27,6 +27,8 @@ impl Law for WallCreep {
         starts: &[&[0.1, 0.2], &[0.1, 1.0], &[0.1, 5.0], &[2.0, 0.3], &[2.0, 1.0], &[2.0, 4.0]],
         passive: true,
     };
+    const REFINED: Option<Refined> =
+        Some(Refined { effect: &TwoBranches, neutral: &[0.0, 5.0], starts: &[&[0.5, 5.0], &[0.5, 0.2]] });
 
     fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Hydraulic(h) = port {
@@ -41,6 +43,45 @@ impl Law for WallCreep {
     fn rest<S: Scalar>(&self, k: &[S], rest: &Rest<S>, x: &mut [S]) {
         for (chamber, x) in x.iter_mut().enumerate() {
             *x = k[0] * rest.gauge_bar(chamber);
+        }
+    }
+}
+
+/// A wall with two time constants.
+struct TwoBranches;
+
+impl Law for TwoBranches {
+    const HEADER: Header = Header {
+        equation: "two Kelvin-Voigt branches: C_c and tau as in the plain form, C_c*share and tau*ratio; at rest x_ij = C_j*(p_i - p_amb)",
+        validity: "linear viscoelasticity with two time constants; the same wall in both chambers",
+        parameters: &[
+            WallCreep::HEADER.parameters[0],
+            WallCreep::HEADER.parameters[1],
+            Parameter { name: "share", unit: "1", lower: 0.0, upper: 10.0, typical: 0.5, size: false },
+            Parameter { name: "ratio", unit: "1", lower: 0.02, upper: 50.0, typical: 5.0, size: false },
+        ],
+        states: 4,
+        starts: &[&[0.1, 1.0, 0.5, 5.0]],
+        ..WallCreep::HEADER
+    };
+
+    fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Hydraulic(h) = port {
+            for (branch, capacity, tau) in [(0, k[0], k[1]), (1, k[0] * k[2], k[1] * k[3])] {
+                for i in 0..2 {
+                    let n = 2 * branch + i;
+                    let rate = (capacity * (h.pressure_bar[i] - AMBIENT_BAR) - x[n]) / tau;
+                    dx[n] = rate;
+                    h.flow_ml_s[i] -= rate;
+                }
+            }
+        }
+    }
+
+    fn rest<S: Scalar>(&self, k: &[S], rest: &Rest<S>, x: &mut [S]) {
+        for (n, x) in x.iter_mut().enumerate() {
+            let capacity = if n < 2 { k[0] } else { k[0] * k[2] };
+            *x = capacity * rest.gauge_bar(n % 2);
         }
     }
 }

@@ -1,0 +1,73 @@
+//! More general forms of effects. A name is the claim; how its effect goes with pressure, speed, depth or time differs from rig to rig, and where the
+//! library's form leaves more than noise a general one may tell.
+
+use crate::fit::{Effort, Fit, fit};
+use crate::layout::Layout;
+use crate::problem::{Point, Problem};
+
+/// A general form is taken where it leaves at most this share of the cost.
+const BETTER: f64 = 0.98;
+
+/// A few steps tell which start leads down.
+const FEW: Effort = Effort { iterations: 3, tolerance: 1e-3, promise: f64::INFINITY, creep: 0.0, ahead: false };
+
+/// The fit, or a better one in which effects have their general forms, brought to its minimum with this effort.
+pub fn refined(problem: &Problem, found: Fit, effort: Effort) -> Fit {
+    let mut best = found;
+    for n in 0..best.layout.effects.len() {
+        let Some(form) = best.layout.effects[n].refined() else { continue };
+        let own = best.layout.first_of(n)..best.layout.first_of(n + 1);
+        let plain = &best.point.theta[own];
+        // from the form that was found, and from those that such effects have
+        let bent = form.starts.iter().map(|own| [plain, own].concat());
+        let starts = bent.chain(form.effect.header().starts.iter().map(|s| s.to_vec()));
+        let led = starts.filter_map(|values| {
+            let (layout, point) = with_form(&best, n, &values);
+            fit(problem, &layout, point, FEW).ok()
+        });
+        let Some(led) = led.min_by(|a, b| a.cost.total_cmp(&b.cost)) else { continue };
+        if let Ok(general) = fit(problem, &led.layout, led.point, effort)
+            && general.cost < BETTER * best.cost
+        {
+            tracing::debug!(id = form.effect.header().id, from = best.cost, to = general.cost, "general form");
+            best = general;
+        }
+    }
+    best
+}
+
+/// The `n`-th effect in its general form, with these values.
+fn with_form(fit: &Fit, n: usize, values: &[f64]) -> (Layout, Point) {
+    let (mut layout, mut point) = (fit.layout.clone(), fit.point.clone());
+    let old = layout.first_of(n)..layout.first_of(n + 1);
+    if let Some(form) = layout.effects[n].refined() {
+        layout.effects[n] = form.effect;
+        let longer = values.len() - old.len();
+        layout.held = layout.held.iter().map(|&i| if i < old.end { i } else { i + longer }).collect();
+        point.theta.splice(old, values.iter().copied());
+    }
+    (layout, point)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use model::effects::find;
+
+    #[test]
+    fn what_stands_behind_a_form_s_own_parameters_moves_up() {
+        let mut layout = Layout::base(&model::Parameters::example());
+        let base = layout.len();
+        layout.effects = vec![find("end_stop").unwrap(), find("trapped_air").unwrap()];
+        layout.held = [base + 1, base + 2].into();
+        let mut theta = vec![0.5; base];
+        theta.extend([10.0, 30.0, 1.0, 2.0]);
+        let point = Point { theta, initial: Vec::new() };
+        let fit = Fit { layout, point, cost: 1.0, converged: true };
+        let (layout, point) = with_form(&fit, 0, &[10.0, 30.0, 1.5]);
+        assert_eq!(point.theta[base..], [10.0, 30.0, 1.5, 1.0, 2.0]);
+        assert_eq!(layout.held, [base + 1, base + 3].into(), "of the air's sizes the first");
+        assert_eq!(layout.names()[base + 2], "end_stop.n");
+        assert_eq!(layout.len(), point.theta.len());
+    }
+}
