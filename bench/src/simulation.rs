@@ -120,3 +120,27 @@ pub fn free_run(
     }
     Ok(out)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use model::Parameters;
+
+    fn with_contact(parameters: &[(&str, f64)]) -> ModelFile {
+        let mut file = ModelFile::plain(Parameters::example());
+        let parameters = parameters.iter().map(|(name, value)| (name.to_string(), *value)).collect();
+        file.effect.push(AddedEffect { id: "end_stop".into(), parameters });
+        file
+    }
+
+    #[test]
+    fn further_parameters_make_it_the_general_form() {
+        let form = |parameters: &[(&str, f64)]| effects_of(&with_contact(parameters)).map(|mut all| all.remove(0));
+        let (plain, values) = form(&[("k", 10.0), ("phi_c", 30.0)]).expect("the library's form");
+        assert_eq!((plain.header().parameters.len(), &values[..]), (2, &[10.0, 30.0][..]));
+        let (general, values) = form(&[("n", 1.5), ("k", 10.0), ("phi_c", 30.0)]).expect("the general form");
+        assert_eq!((general.header().id, &values[..]), ("end_stop", &[10.0, 30.0, 1.5][..]));
+        let error = form(&[("n", 1.5), ("k", 10.0)]).expect_err("an angle is missing").to_string();
+        assert!(error.contains("\"phi_c\"") && error.contains("n (1)"), "{error}");
+    }
+}

@@ -23,14 +23,22 @@ fn fenced(language: &str, word: &str) -> String {
 
 #[test]
 fn every_effect_of_the_library_is_listed_once_with_its_balance_and_nothing_else() {
-    let table = CAMPAIGN.split("## Effects").nth(1).expect("the section is there");
-    let listed: Vec<&str> = table.lines().filter(|line| line.starts_with("| ") && line.contains('`')).collect();
+    let section = CAMPAIGN.split("## Effects").nth(1).expect("the section is there");
+    let (table, forms) = section.split_once("| id | further parameters |").expect("the table of general forms");
+    let rows = |text: &'static str| -> Vec<&str> {
+        text.lines().filter(|line| line.starts_with("| ") && line.contains('`')).collect()
+    };
+    let listed = rows(table);
     assert_eq!(listed.len(), LIBRARY.len());
     for effect in LIBRARY {
         let h = effect.header();
         let row = format!("| {} | `{}` | {} |", h.balance.as_str(), h.id, h.summary);
         assert_eq!(listed.iter().filter(|line| **line == row).count(), 1, "docs/CAMPAIGN.md lacks: {row}");
         assert!(root().join(format!("model/src/effects/{}.rs", h.id)).is_file(), "the document names this file");
+        let row = rows(forms).into_iter().find(|line| line.contains(&format!("`{}`", h.id)));
+        let own = effect.refined().map_or(&[][..], |r| &r.effect.header().parameters[h.parameters.len()..]);
+        assert_eq!(row.is_some(), !own.is_empty(), "{}: a general form and its row", h.id);
+        assert!(own.iter().all(|p| row.is_some_and(|r| r.contains(&format!("`{}`", p.name)))), "{row:?}");
     }
 }
 

@@ -1,6 +1,8 @@
 //! Shapes of effects, looked for by trial. A fit that follows slopes can stay where it began: a contact that does not close has none, and far from
 //! its place a shape only trades places with the sizes. Between two trials everything else is fitted.
 
+use model::effects::find;
+
 use crate::fit::{Effort, Fit, fit};
 use crate::layout::Layout;
 use crate::problem::Problem;
@@ -19,6 +21,8 @@ struct Shape {
     entry: usize,
     lower: f64,
     upper: f64,
+    /// One of a general form's own, which start where such forms lie and would cost many trials.
+    form: bool,
 }
 
 impl Shape {
@@ -35,7 +39,7 @@ impl Shape {
 
 /// The fit, or a better one with other shapes, brought to its minimum with this effort.
 pub fn search(problem: &Problem, found: Fit, effort: Effort) -> Fit {
-    let shapes = shapes_of(&found.layout);
+    let shapes: Vec<Shape> = shapes_of(&found.layout).into_iter().filter(|s| !s.form).collect();
     let layout = held(&found.layout);
     let (mut best, mut trials) = (found, 0);
     let begun = best.cost;
@@ -84,9 +88,11 @@ fn shapes_of(layout: &Layout) -> Vec<Shape> {
     let mut out = Vec::new();
     for (n, effect) in layout.effects.iter().enumerate() {
         let first = layout.first_of(n);
-        for (i, p) in effect.header().parameters.iter().enumerate().filter(|(_, p)| !p.size) {
+        let header = effect.header();
+        let plain = find(header.id).map_or(header.parameters.len(), |e| e.header().parameters.len());
+        for (i, p) in header.parameters.iter().enumerate().filter(|(_, p)| !p.size) {
             if !layout.held.contains(&(first + i)) {
-                out.push(Shape { entry: first + i, lower: p.lower, upper: p.upper });
+                out.push(Shape { entry: first + i, lower: p.lower, upper: p.upper, form: i >= plain });
             }
         }
     }
