@@ -37,6 +37,16 @@ pub enum FreeRunError {
         /// All of the effect's, with their units.
         all: String,
     },
+    /// A parameter that the effect does not have, which would do nothing.
+    #[error("effect {id:?}: expected its parameters {all}, got {parameter:?} as well")]
+    UnknownParameter {
+        /// The effect.
+        id: String,
+        /// The parameter.
+        parameter: String,
+        /// All of the effect's, with their units.
+        all: String,
+    },
     /// The model left the range in which it holds.
     #[error(transparent)]
     Simulation(#[from] SimulationError),
@@ -50,25 +60,28 @@ pub fn added_effects(model: &ModelFile) -> Result<EffectSet<f64>, FreeRunError> 
 /// An effect with values in the order of its header.
 pub type Valued = (&'static dyn Effect, Vec<f64>);
 
-/// The same one by one, each in the form to which its parameters belong.
+/// An effect of a model file in the form to which its parameters belong.
+pub fn valued(added: &AddedEffect) -> Result<Valued, FreeRunError> {
+    let id = || added.id.clone();
+    let effect = effects::find_form(&added.id, |name| added.parameters.contains_key(name)).ok_or_else(|| {
+        let known = effects::LIBRARY.iter().map(|e| e.header().id).collect::<Vec<_>>().join(", ");
+        FreeRunError::UnknownEffect { id: id(), known }
+    })?;
+    let parameters = effect.header().parameters;
+    let all = || parameters.iter().map(|p| format!("{} ({})", p.name, p.unit)).collect::<Vec<_>>().join(", ");
+    if let Some(parameter) = added.parameters.keys().find(|name| parameters.iter().all(|p| p.name != *name)) {
+        return Err(FreeRunError::UnknownParameter { id: id(), parameter: parameter.clone(), all: all() });
+    }
+    let values = parameters.iter().map(|p| {
+        let missing = || FreeRunError::MissingParameter { id: id(), parameter: p.name, all: all() };
+        added.parameters.get(p.name).copied().ok_or_else(missing)
+    });
+    Ok((effect, values.collect::<Result<_, _>>()?))
+}
+
+/// Those of a model file, one by one.
 pub fn effects_of(model: &ModelFile) -> Result<Vec<Valued>, FreeRunError> {
-    let one = |added: &AddedEffect| {
-        let given = |name: &str| added.parameters.contains_key(name);
-        let effect = effects::find_form(&added.id, given).ok_or_else(|| FreeRunError::UnknownEffect {
-            id: added.id.clone(),
-            known: effects::LIBRARY.iter().map(|e| e.header().id).collect::<Vec<_>>().join(", "),
-        })?;
-        let parameters = effect.header().parameters;
-        let values = parameters.iter().map(|p| {
-            added.parameters.get(p.name).copied().ok_or_else(|| FreeRunError::MissingParameter {
-                id: added.id.clone(),
-                parameter: p.name,
-                all: parameters.iter().map(|p| format!("{} ({})", p.name, p.unit)).collect::<Vec<_>>().join(", "),
-            })
-        });
-        Ok((effect, values.collect::<Result<_, _>>()?))
-    };
-    model.effect.iter().map(one).collect()
+    model.effect.iter().map(valued).collect()
 }
 
 /// Simulates the free lever from the run's first sample, at rest, with the run's voltage and valves. Angle and pressures of
@@ -142,5 +155,7 @@ mod tests {
         assert_eq!((general.header().id, &values[..]), ("end_stop", &[10.0, 30.0, 1.5][..]));
         let error = form(&[("n", 1.5), ("k", 10.0)]).expect_err("an angle is missing").to_string();
         assert!(error.contains("\"phi_c\"") && error.contains("n (1)"), "{error}");
+        let error = form(&[("N", 1.5), ("k", 10.0), ("phi_c", 30.0)]).expect_err("no such parameter").to_string();
+        assert!(error.contains("got \"N\" as well"), "{error}");
     }
 }

@@ -55,6 +55,20 @@ fn a_known_zero_of_the_encoder_is_taken_out_of_the_target() {
 }
 
 #[test]
+fn a_general_form_is_known_as_such_and_one_with_a_memory_is_not_used() {
+    let ids = |id: &str, names: &[(&str, f64)]| {
+        let mut model = ModelFile::plain(Parameters::example());
+        let parameters = names.iter().map(|(name, value)| (name.to_string(), *value)).collect();
+        model.effect.push(AddedEffect { id: id.to_owned(), parameters });
+        let known = KnownEffects::of(&model);
+        (known.ids().to_vec(), format!("{known:?}"))
+    };
+    assert_eq!(ids("end_stop", &[("k", 10.0), ("phi_c", 30.0), ("n", 2.0)]).0, ["end_stop"]);
+    let creep = [("C_c", 0.3), ("tau", 1.0), ("share", 0.5), ("ratio", 5.0)];
+    assert!(ids("wall_creep", &creep).0.is_empty());
+}
+
+#[test]
 fn a_flow_comes_out_of_an_uneven_pump_as_it_was_asked_for() {
     let values = [0.3, 0.0, 0.0];
     let [with, without] =

@@ -11,11 +11,13 @@ const BETTER: f64 = 0.98;
 /// A few steps tell which start leads down.
 const FEW: Effort = Effort { iterations: 3, tolerance: 1e-3, promise: f64::INFINITY, creep: 0.0, ahead: false };
 
-/// The fit, or a better one in which effects have their general forms, brought to its minimum with this effort.
-pub fn refined(problem: &Problem, found: Fit, effort: Effort) -> Fit {
+/// The fit, or a better one in which those of these effects that have a general form carry it, brought to its minimum with this effort. Effects that
+/// a model had before keep theirs.
+pub fn refined(problem: &Problem, found: Fit, added: &[&str], effort: Effort) -> Fit {
     let mut best = found;
     for n in 0..best.layout.effects.len() {
-        let Some(form) = best.layout.effects[n].refined() else { continue };
+        let form = best.layout.effects[n].refined().filter(|form| added.contains(&form.effect.header().id));
+        let Some(form) = form else { continue };
         let own = best.layout.first_of(n)..best.layout.first_of(n + 1);
         let plain = &best.point.theta[own];
         // from the form that was found, and from those that such effects have

@@ -11,7 +11,6 @@ pub mod equations;
 pub mod equivalence;
 pub mod figure;
 pub mod figures;
-
 pub mod findings;
 pub mod fit;
 pub mod forms;

@@ -7,7 +7,7 @@ mod common;
 use common::{dynamic, layout, problem};
 use identify::fit::{Effort, Fit, fit};
 use identify::identification::covariance_of;
-use identify::shapes;
+use identify::{forms, shapes};
 use model::Parameters;
 use model::effects::find;
 
@@ -51,4 +51,31 @@ fn a_size_that_trades_places_with_its_shape_is_certain_once_that_is_held() {
     let (free, held) = (std(&at), std(&Fit { layout: shapes::held(&at.layout), ..at.clone() }));
     assert!(held < 0.05 * at.point.theta[k], "{held} of {}", at.point.theta[k]);
     assert!(free > 5.0 * held, "{free} {held}");
+}
+
+/// A wall that creeps in two steps is fitted as one; one with a single time constant stays in the library's form, and so does what was there before.
+#[test]
+fn an_effect_takes_its_general_form_where_it_needs_one() {
+    let truth = Parameters::example();
+    let plain = find("wall_creep").unwrap();
+    let general = plain.refined().unwrap().effect;
+    for (sealed, values) in [(general, vec![0.4, 0.15, 0.8, 8.0]), (plain, vec![0.4, 0.4])] {
+        let problem = problem(&[dynamic(&truth, Some((sealed, values.clone())), 20.0, 51)]);
+        let mut point = problem.point(layout(&truth).vector_of(&truth));
+        point.theta.extend([0.3, 0.5]);
+        let found = fit(&problem, &layout(&truth).with(plain), point, Effort::default()).unwrap();
+        let targets = problem.targets() as f64;
+        let kept = forms::refined(&problem, found.clone(), &[], Effort::default());
+        assert_eq!(kept.point.theta, found.point.theta, "what was not added is left alone");
+        let refined = forms::refined(&problem, found.clone(), &["wall_creep"], Effort::default());
+        assert!(refined.cost < 1.1 * targets, "{values:?}: {} from {}", refined.cost / targets, found.cost / targets);
+        let own = &refined.point.theta[refined.layout.first_of(0)..];
+        assert_eq!(own.len(), values.len(), "{own:?}");
+        if own.len() > plain.header().parameters.len() {
+            assert!(found.cost > 1.15 * targets, "one time constant is not enough: {}", found.cost / targets);
+        }
+        for (v, k) in own.iter().zip(values) {
+            assert!((v / k - 1.0).abs() < 0.2, "{own:?}");
+        }
+    }
 }

@@ -12,8 +12,9 @@
 //! integrators learn.
 
 use super::seen::Seen;
+use crate::simulation::{Valued, valued};
 use model::ModelFile;
-use model::effects::{Effect, EffectSet, find};
+use model::effects::EffectSet;
 use model::parameters::COUNT;
 use model::parameters::index::F3;
 use model::port::{AMBIENT_BAR, HydraulicPort, LinePort, MechanicalPort, Port, PortKind, SensorPort};
@@ -54,14 +55,8 @@ impl KnownEffects {
     /// Of a model file: those of its effects that have no memory. Effects that the library does not have and parameters that are missing are
     /// refused where the file is used as a plant; here they are nothing.
     pub fn of(model: &ModelFile) -> Self {
-        let known = model.effect.iter().filter_map(|added| {
-            let effect: &'static dyn Effect = find(&added.id)?;
-            let header = effect.header();
-            let values: Option<Vec<f64>> =
-                header.parameters.iter().map(|p| added.parameters.get(p.name).copied()).collect();
-            values.filter(|_| header.states == 0).map(|v| (effect, v))
-        });
-        let known: Vec<(&'static dyn Effect, Vec<f64>)> = known.collect();
+        let known = model.effect.iter().filter_map(|added| valued(added).ok());
+        let known: Vec<Valued> = known.filter(|(effect, _)| effect.header().states == 0).collect();
         let ids = known.iter().map(|(e, _)| e.header().id).collect();
         KnownEffects { set: Arc::new(EffectSet::new(STATES, known)), ids }
     }

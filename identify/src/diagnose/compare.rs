@@ -30,7 +30,7 @@ const RIVAL: f64 = 0.95;
 /// effect chance explains a part.
 const HALF: f64 = 0.5;
 const CHANCE: f64 = 2.0;
-/// (noise floors).
+/// What counts as nothing but noise here, noise floors.
 const NOISE: f64 = 0.3;
 
 /// Refits each set of the shortlist; the lowest cost first.
@@ -72,7 +72,7 @@ pub(super) fn refit_all(
     let gain = before - out.first().map_or(before, |r| r.fit.cost);
     for r in out.iter_mut().take(SHAPED).filter(|r| before - r.fit.cost > HALF * gain) {
         if !is_noise(problem, &r.fit) {
-            r.fit = forms::refined(problem, r.fit.clone(), GENERAL.effort());
+            r.fit = forms::refined(problem, r.fit.clone(), &r.added, GENERAL.effort());
         }
         if !is_noise(problem, &r.fit) {
             r.fit = shapes::search(problem, r.fit.clone(), HEATS[2].effort());

@@ -45,9 +45,9 @@ struct AnyPower;
 impl Law for AnyPower {
     const HEADER: Header = Header {
         equation: "q = k*dp*(dp^2 + d^2)^((m - 1)/2) from chamber 1 to chamber 2, also with the brake closed; none where the chambers are shut off one by one",
-        validity: "a gap of any kind: m = 0.5 turbulent, 1 laminar; k in ml/(s bar^m); laminar within the transition pressure d",
+        validity: "a gap of any kind: m = 0.5 turbulent, 1 laminar; laminar within the transition pressure d",
         parameters: &[
-            CrossLeakage::HEADER.parameters[0],
+            Parameter { unit: "ml/(s bar^m)", ..CrossLeakage::HEADER.parameters[0] },
             CrossLeakage::HEADER.parameters[1],
             Parameter { name: "m", unit: "1", lower: 0.4, upper: 1.1, typical: 0.7, size: false },
         ],

@@ -42,10 +42,10 @@ struct AnyPower;
 impl Law for AnyPower {
     const HEADER: Header = Header {
         equation: "q_i = k_i*(p_i - p_amb)*abs(p_i - p_amb)^(m - 1) out of chamber i = 1, 2, also where it is shut off",
-        validity: "a gap of any kind: m = 0.5 turbulent, 1 laminar; k_i in ml/(s bar^m); oil that has left does not come back",
+        validity: "a gap of any kind: m = 0.5 turbulent, 1 laminar; oil that has left does not come back",
         parameters: &[
-            ExternalLeakage::HEADER.parameters[0],
-            ExternalLeakage::HEADER.parameters[1],
+            Parameter { unit: "ml/(s bar^m)", ..ExternalLeakage::HEADER.parameters[0] },
+            Parameter { unit: "ml/(s bar^m)", ..ExternalLeakage::HEADER.parameters[1] },
             Parameter { name: "m", unit: "1", lower: 0.4, upper: 1.2, typical: 0.5, size: false },
         ],
         starts: &[&[0.002, 0.002, 0.6]],

@@ -4,6 +4,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 mod energy;
+mod forms;
 mod slopes;
 
 use super::*;
@@ -319,44 +320,4 @@ fn both_chambers_are_treated_alike() {
             }
         }
     }
-}
-
-#[test]
-fn a_refined_form_is_the_library_s_at_its_neutral_values() {
-    let mut rng = ChaCha8Rng::seed_from_u64(11);
-    let mut forms = 0;
-    for effect in listed() {
-        let Some(refined) = effect.refined() else { continue };
-        let (plain, general) = (effect.header(), refined.effect.header());
-        forms += 1;
-        assert_eq!((general.id, general.balance), (plain.id, plain.balance));
-        let (same, own) = general.parameters.split_at(plain.parameters.len());
-        assert!(same.iter().zip(plain.parameters).all(|(a, b)| a.name == b.name), "{}", plain.id);
-        assert!(own.iter().all(|p| !p.size), "{}: a form alone does nothing", plain.id);
-        for own_values in refined.starts.iter().chain([&refined.neutral]) {
-            assert_eq!(own_values.len(), own.len(), "{}", plain.id);
-            let within = |(p, v): (&Parameter, &f64)| (p.lower..=p.upper).contains(v);
-            assert!(own.iter().zip(*own_values).all(within), "{}", plain.id);
-        }
-        assert!(find_form(plain.id, |name| name == own[0].name).is_some_and(|e| std::ptr::eq(e.header(), general)));
-        assert!(find_form(plain.id, |name| name == same[0].name).is_some_and(|e| std::ptr::eq(e.header(), plain)));
-        let base = Parameters::example().to_vector();
-        for start in plain.starts {
-            let whole = [start, refined.neutral].concat();
-            for input in inputs(&mut rng) {
-                let plant = state(&mut rng);
-                let moved = |effect: &'static dyn Effect, k: &[f64]| {
-                    let set = set(effect, k);
-                    let x = with_rest_states(&input, &base, &set, &plant);
-                    let all = everything(&input, &base, &set, 40.0, &x);
-                    // states of its own apart
-                    [&all[..STATES], &all[x.len()..]].concat()
-                };
-                for (a, b) in moved(*effect, start).iter().zip(moved(refined.effect, &whole)) {
-                    assert!((a - b).abs() <= 1e-4 * (1.0 + a.abs()), "{}: {a} {b}", plain.id);
-                }
-            }
-        }
-    }
-    assert!(forms > 0);
 }

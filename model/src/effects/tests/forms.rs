@@ -1,0 +1,179 @@
+//! General forms: the library's where they are neutral, and what each of their own parameters means.
+
+use super::*;
+use crate::port::{AMBIENT_BAR, HydraulicPort, LinePort, MechanicalPort};
+
+#[test]
+fn a_refined_form_is_the_library_s_at_its_neutral_values() {
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    let mut forms = 0;
+    for effect in listed() {
+        let Some(refined) = effect.refined() else { continue };
+        let (plain, general) = (effect.header(), refined.effect.header());
+        forms += 1;
+        assert_eq!((general.id, general.balance), (plain.id, plain.balance));
+        let (same, own) = general.parameters.split_at(plain.parameters.len());
+        assert!(same.iter().zip(plain.parameters).all(|(a, b)| a.name == b.name), "{}", plain.id);
+        assert!(own.iter().all(|p| !p.size), "{}: a form alone does nothing", plain.id);
+        for own_values in refined.starts.iter().chain([&refined.neutral]) {
+            assert_eq!(own_values.len(), own.len(), "{}", plain.id);
+            let within = |(p, v): (&Parameter, &f64)| (p.lower..=p.upper).contains(v);
+            assert!(own.iter().zip(*own_values).all(within), "{}", plain.id);
+        }
+        assert!(find_form(plain.id, |name| name == own[0].name).is_some_and(|e| std::ptr::eq(e.header(), general)));
+        assert!(find_form(plain.id, |name| name == same[0].name).is_some_and(|e| std::ptr::eq(e.header(), plain)));
+        let base = Parameters::example().to_vector();
+        for start in plain.starts {
+            let whole = [start, refined.neutral].concat();
+            for input in inputs(&mut rng) {
+                let plant = state(&mut rng);
+                let moved = |effect: &'static dyn Effect, k: &[f64]| {
+                    let set = set(effect, k);
+                    // at other pressures than the effect's memory, which thus acts
+                    let mut x = with_rest_states(&input, &base, &set, &plant);
+                    x[crate::rec::state::PRESSURE1] += 0.4;
+                    x[crate::rec::state::PRESSURE2] -= 0.3;
+                    let all = everything(&input, &base, &set, 40.0, &x);
+                    // states of its own apart
+                    [&all[..STATES], &all[x.len()..]].concat()
+                };
+                for (a, b) in moved(*effect, start).iter().zip(moved(refined.effect, &whole)) {
+                    assert!((a - b).abs() <= 1e-4 * (1.0 + a.abs()), "{}: {a} {b}", plain.id);
+                }
+            }
+        }
+    }
+    assert!(forms > 0);
+}
+
+fn general(id: &str) -> &'static dyn Effect {
+    find(id).and_then(|e| e.refined()).expect("it has a general form").effect
+}
+
+/// Torque on the lever, Nm.
+fn torque(id: &str, k: &[f64], angle_rad: f64, velocity_rad_s: f64) -> f64 {
+    let mut m = MechanicalPort {
+        time_s: 1.0,
+        angle_rad,
+        velocity_rad_s,
+        dp_bar: 0.0,
+        load_bar: 3.0,
+        vertical: false,
+        torque_nm: 0.0,
+    };
+    general(id).act_value(k, &[], &mut [], &mut Port::Mechanical(&mut m));
+    m.torque_nm
+}
+
+/// Flow into each chamber, ml/s, at these gauge pressures; `dx` gets the rates of the effect's states `x`.
+fn flow(id: &str, k: &[f64], gauge_bar: [f64; 2], x: &[f64], dx: &mut [f64]) -> [f64; 2] {
+    let mut h = HydraulicPort {
+        time_s: 1.0,
+        pressure_bar: gauge_bar.map(|p| AMBIENT_BAR + p),
+        angle_rad: 0.0,
+        velocity_rad_s: 0.0,
+        flow_ml_s: [0.0; 2],
+        capacity_ml_bar: [0.0; 2],
+        displacement_ml_rad: [0.0; 2],
+        stored_slope_ml_rad: [0.0; 2],
+        actuator_torque_nm: 0.0,
+        shut_off: false,
+    };
+    general(id).act_value(k, x, dx, &mut Port::Hydraulic(&mut h));
+    h.flow_ml_s
+}
+
+fn alike(a: f64, b: f64) {
+    assert!((a - b).abs() < 1e-3 * b.abs(), "{a} for {b}");
+}
+
+#[test]
+fn a_contact_presses_with_its_power_and_as_a_linear_one_at_the_usual_depth() {
+    let at = |depth_rad: f64, n: f64| torque("end_stop", &[10.0, 30.0, n], 30f64.to_radians() + depth_rad, 0.0);
+    for n in [0.8, 1.0, 1.5, 2.0, 4.0] {
+        alike(at(0.05, n), -10.0 * 0.05);
+        alike(at(0.1, n) / at(0.05, n), 2f64.powf(n));
+        assert_eq!(at(-0.01, n), 0.0, "before it touches");
+        assert_eq!(torque("end_stop", &[10.0, 30.0, n], -0.6, 0.0), -torque("end_stop", &[10.0, 30.0, n], 0.6, 0.0));
+    }
+}
+
+#[test]
+fn a_friction_s_peak_falls_with_its_power_of_velocity() {
+    // far above w_s the sign is all that the smoothing leaves
+    let at = |w: f64, delta: f64| torque("stribeck_friction", &[0.7, 0.5, 0.002, delta], 0.0, w);
+    for delta in [0.5, 1.0, 2.0, 4.0] {
+        alike(at(0.5, delta), -0.7 * (-1f64).exp());
+        alike(at(1.0, delta), -0.7 * (-2f64.powf(delta)).exp());
+        assert_eq!(at(0.0, delta), 0.0, "at rest it does nothing");
+    }
+}
+
+#[test]
+fn a_leak_goes_with_its_power_of_pressure_and_what_leaves_one_chamber_enters_the_other() {
+    for m in [0.5, 0.7, 1.0] {
+        let cross = |dp: f64| flow("cross_leakage", &[0.3, 1e-3, m], [2.0 + dp, 2.0], &[], &mut []);
+        let [out, into] = cross(1.0);
+        assert_eq!(out, -into);
+        alike(out, -0.3);
+        alike(cross(2.0)[0] / out, 2f64.powf(m));
+        alike(cross(-1.0)[0], -out);
+        let outside = |p: f64| flow("external_leakage", &[0.2, 0.05, m], [p, 1.0], &[], &mut []);
+        alike(outside(1.0)[0], -0.2);
+        alike(outside(1.0)[1], -0.05);
+        alike(outside(4.0)[0] / outside(1.0)[0], 4f64.powf(m));
+        assert_eq!(outside(0.0)[0], 0.0, "nothing leaves at ambient pressure");
+    }
+}
+
+#[test]
+fn warming_is_half_done_after_its_time_constant_where_it_is_a_hyperbola() {
+    let slip = |time_s: f64, s: f64| {
+        let mut line = LinePort {
+            time_s,
+            voltage_v: 12.0,
+            dp_bar: 1.0,
+            flow_ml_s: 0.0,
+            slip_ml_s_bar: 0.25,
+            drive_ml_s: 7.0,
+            opening: 1.0,
+            open: true,
+        };
+        general("pump_warming").act_value(&[0.4, 60.0, s], &[], &mut [], &mut Port::Line(&mut line));
+        -line.flow_ml_s
+    };
+    alike(slip(60.0, 1.0), 0.2);
+    alike(slip(180.0, 1.0), 0.3);
+    alike(slip(60.0, 1e-6), 0.4 * (1.0 - (-1f64).exp()));
+    for s in [1e-6, 0.5, 1.0, 4.0] {
+        assert_eq!(slip(0.0, s), 0.0, "cold");
+        // all warm alike at first: k/tau
+        alike(slip(0.01, s), 0.4 / 60.0 * 0.01);
+        assert!(slip(600.0, s) < 0.4 && slip(600.0, s) > slip(300.0, s));
+    }
+}
+
+#[test]
+fn a_wall_of_two_branches_takes_what_both_capacities_hold_each_in_its_time() {
+    let (capacity, tau, share, ratio) = (0.4, 0.5, 0.3, 6.0);
+    let k = [capacity, tau, share, ratio];
+    let pressed = [2.0, 1.0];
+    let (mut x, mut dx) = ([0.0; 4], [0.0; 4]);
+    let first = flow("wall_creep", &k, pressed, &x, &mut dx);
+    alike(first[0], -pressed[0] * (capacity / tau + share * capacity / (ratio * tau)));
+    let (step, mut taken) = (1e-3, [0.0; 2]);
+    for n in 0..60_000 {
+        if n == 3_000 {
+            // the slow branch after its time constant
+            alike(x[2], pressed[0] * share * capacity * (1.0 - (-1f64).exp()));
+        }
+        let into = flow("wall_creep", &k, pressed, &x, &mut dx);
+        for i in 0..2 {
+            taken[i] -= step * into[i];
+        }
+        x.iter_mut().zip(dx).for_each(|(x, rate)| *x += step * rate);
+    }
+    for (taken, pressed) in taken.into_iter().zip(pressed) {
+        alike(taken, pressed * capacity * (1.0 + share));
+    }
+}
