@@ -1,5 +1,6 @@
 //! Other forms of effects that the library has. A name is the claim, not the equation: another simulator writes the same friction or the
-//! same leak in another way, and the diagnosis must name it all the same.
+//! same leak in another way, and the diagnosis must name it all the same. None of them is a case of a law in the library, general forms
+//! (`Law::REFINED`) included: what another simulator writes need not be one either.
 
 use model::effects::{Balance, Effect, Header, Law, Parameter};
 use model::port::{AMBIENT_BAR, Arrival, Port, PortKind, Rest};
@@ -8,15 +9,15 @@ use model::scalar::Scalar;
 /// The id that each form stands for, and the form.
 pub static FORMS: &[(&str, &dyn Effect)] = &[
     ("elastic_hysteresis", &BoucWen),
-    ("stribeck_friction", &StribeckExponential),
+    ("stribeck_friction", &StribeckRational),
     ("pressure_friction", &PressureFrictionRational),
-    ("end_stop", &EndStopQuadratic),
-    ("wall_creep", &WallCreepTwoTimes),
-    ("cross_leakage", &CrossLeakagePower),
-    ("external_leakage", &ExternalLeakageOrifice),
+    ("end_stop", &EndStopExponential),
+    ("wall_creep", &WallCreepThreeTimes),
+    ("cross_leakage", &CrossLeakageGap),
+    ("external_leakage", &ExternalLeakageGap),
     ("trapped_air", &TrappedAirPolytropic),
     ("pump_lag", &PumpLagSecondOrder),
-    ("pump_warming", &PumpWarmingHyperbolic),
+    ("pump_warming", &PumpWarmingTwoMasses),
     ("pressure_drift", &PressureDriftLinear),
 ];
 
@@ -100,15 +101,15 @@ impl Law for BoucWen {
     }
 }
 
-/// A peak that falls with exp(-abs(w)/w_v) (Tustin's form).
-struct StribeckExponential;
+/// A peak that falls with 1/(1 + (w/w_v)^2) (Hess and Soom, J. Tribology 112, 1990): far more of it is left at high velocity.
+struct StribeckRational;
 
-impl Law for StribeckExponential {
+impl Law for StribeckRational {
     const HEADER: Header = header(
-        "stribeck_friction_exponential",
+        "stribeck_friction_rational",
         Balance::Torque,
         &[PortKind::Mechanical],
-        "M -= k*exp(-abs(w)/w_v)*tanh(w/w_s)",
+        "M -= k/(1 + (w/w_v)^2)*tanh(w/w_s)",
         &[size("k", "Nm", 10.0, 0.2), shape("w_v", "rad/s", 0.01, 3.0, 0.1), shape("w_s", "rad/s", 0.002, 0.2, 0.02)],
         0,
         &[&[0.1, 0.1, 0.02], &[0.3, 0.3, 0.02], &[0.3, 0.6, 0.01]],
@@ -117,7 +118,8 @@ impl Law for StribeckExponential {
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Mechanical(m) = port {
             let w = m.velocity_rad_s;
-            m.torque_nm -= k[0] * (-(w.abs() / k[1])).exp() * (w / k[2]).tanh();
+            let fall = w / k[1];
+            m.torque_nm -= k[0] / (fall * fall + 1.0) * (w / k[2]).tanh();
         }
     }
 }
@@ -144,74 +146,85 @@ impl Law for PressureFrictionRational {
     }
 }
 
-/// A contact that stiffens: quadratic in its depth.
-struct EndStopQuadratic;
+/// Depth over which a rubber buffer stiffens, rad.
+const BUFFER_RAD: f64 = 0.06;
 
-impl Law for EndStopQuadratic {
+/// A rubber buffer, which stiffens exponentially with its depth.
+struct EndStopExponential;
+
+impl Law for EndStopExponential {
     const HEADER: Header = header(
-        "end_stop_quadratic",
+        "end_stop_exponential",
         Balance::Torque,
         &[PortKind::Mechanical],
-        "M -= k*max(0, abs(phi) - phi_c)^2*sign(phi)",
-        &[size("k", "Nm/rad2", 5000.0, 100.0), shape("phi_c", "deg", 15.0, 60.0, 30.0)],
+        "M -= k*d_b*(exp(d/d_b) - 1)*sign(phi), d = max(0, abs(phi) - phi_c), d_b = 0.06 rad",
+        &[size("k", "Nm/rad", 500.0, 10.0), shape("phi_c", "deg", 15.0, 60.0, 30.0)],
         0,
-        &[&[30.0, 24.0], &[100.0, 27.0], &[100.0, 32.0]],
+        &[&[2.0, 24.0], &[6.0, 27.0], &[6.0, 32.0]],
     );
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Mechanical(m) = port {
             let depth = (m.angle_rad.abs() - k[1] * (std::f64::consts::PI / 180.0)).at_least(0.0);
             let sign = if m.angle_rad.value() < 0.0 { -1.0 } else { 1.0 };
-            m.torque_nm -= k[0] * depth * depth * sign;
+            m.torque_nm -= k[0] * ((depth / BUFFER_RAD).exp() - 1.0) * BUFFER_RAD * sign;
         }
     }
 }
 
-/// Two Kelvin-Voigt branches, the second slower by a factor of 5.
-struct WallCreepTwoTimes;
+/// Share of the capacity and time constant, in terms of the first, of each Kelvin-Voigt branch.
+const BRANCHES: [(f64, f64); 3] = [(0.5, 1.0), (0.3, 4.0), (0.2, 16.0)];
 
-impl Law for WallCreepTwoTimes {
+/// Three Kelvin-Voigt branches, each slower by a factor of 4.
+struct WallCreepThreeTimes;
+
+impl Law for WallCreepThreeTimes {
     const HEADER: Header = header(
-        "wall_creep_two_times",
+        "wall_creep_three_times",
         Balance::Flow,
         &[PortKind::Hydraulic],
-        "as wall_creep, with 0.65*C_c at tau and 0.35*C_c at 5*tau",
+        "as wall_creep, with 0.5*C_c at tau, 0.3*C_c at 4*tau and 0.2*C_c at 16*tau",
         &[size("C_c", "ml/bar", 30.0, 0.3), shape("tau", "s", 0.05, 30.0, 0.6)],
-        4,
-        &[&[0.1, 0.2], &[0.2, 0.6], &[0.2, 1.5]],
+        6,
+        &[&[0.1, 0.15], &[0.2, 0.4], &[0.2, 1.0]],
     );
 
     fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Hydraulic(h) = port {
-            for i in 0..2 {
+            for (n, x) in x.iter().enumerate() {
+                let (i, (share, slower)) = (n % 2, BRANCHES[n / 2]);
                 let gauge = h.pressure_bar[i] - AMBIENT_BAR;
-                let quick = (k[0] * gauge * 0.65 - x[i]) / k[1];
-                let slow = (k[0] * gauge * 0.35 - x[2 + i]) / (k[1] * 5.0);
-                dx[i] = quick;
-                dx[2 + i] = slow;
-                h.flow_ml_s[i] -= quick + slow;
+                dx[n] = (k[0] * gauge * share - *x) / (k[1] * slower);
+                h.flow_ml_s[i] -= dx[n];
             }
         }
     }
 
     fn rest<S: Scalar>(&self, k: &[S], rest: &Rest<S>, x: &mut [S]) {
-        for i in 0..2 {
-            x[i] = k[0] * rest.gauge_bar(i) * 0.65;
-            x[2 + i] = k[0] * rest.gauge_bar(i) * 0.35;
+        for (n, x) in x.iter_mut().enumerate() {
+            *x = k[0] * rest.gauge_bar(n % 2) * BRANCHES[n / 2].0;
         }
     }
 }
 
-/// A gap between orifice and capillary: abs(dp)^0.7.
-struct CrossLeakagePower;
+/// Flow through a laminar gap and an orifice in series, with q in terms of what the gap alone lets through at 1 bar: abs(dp) = q + q^2/e. The
+/// two take the same share at q = e.
+fn gap_and_orifice<S: Scalar>(dp_bar: S, even_bar: f64) -> S {
+    // the root without a difference of like numbers
+    let root = (dp_bar.abs() * (4.0 / even_bar) + 1.0).sqrt();
+    dp_bar * 2.0 / (root + 1.0)
+}
 
-impl Law for CrossLeakagePower {
+/// A laminar gap in series with an orifice.
+struct CrossLeakageGap;
+
+impl Law for CrossLeakageGap {
     const HEADER: Header = header(
-        "cross_leakage_power",
+        "cross_leakage_gap",
         Balance::Flow,
         &[PortKind::Hydraulic],
-        "q = k*dp/(dp^2 + 0.02^2)^0.15 from chamber 1 to chamber 2; none where the chambers are shut off one by one",
-        &[size("k", "ml/(s bar^0.7)", 20.0, 0.1)],
+        "abs(dp) = q/k + (q/k)^2/0.1 from chamber 1 to chamber 2; none where the chambers are shut off one by one",
+        &[size("k", "ml/(s bar)", 40.0, 0.2)],
         0,
         &[&[0.03], &[0.3]],
     );
@@ -221,23 +234,23 @@ impl Law for CrossLeakagePower {
             && !h.shut_off
         {
             let dp = h.pressure_bar[0] - h.pressure_bar[1];
-            let leak = k[0] * dp / (dp * dp + 4e-4).powf(S::constant(0.15));
+            let leak = k[0] * gap_and_orifice(dp, 0.1);
             h.flow_ml_s[0] -= leak;
             h.flow_ml_s[1] += leak;
         }
     }
 }
 
-/// A leak through an orifice: the root of the gauge pressure.
-struct ExternalLeakageOrifice;
+/// A leak through a laminar gap and an orifice behind it.
+struct ExternalLeakageGap;
 
-impl Law for ExternalLeakageOrifice {
+impl Law for ExternalLeakageGap {
     const HEADER: Header = header(
-        "external_leakage_orifice",
+        "external_leakage_gap",
         Balance::Flow,
         &[PortKind::Hydraulic],
-        "q_i = k_i*g/(g^2 + 0.05^2)^(1/4) out of chamber i, g its gauge pressure",
-        &[size("k1", "ml/(s sqrt(bar))", 5.0, 0.01), size("k2", "ml/(s sqrt(bar))", 5.0, 0.01)],
+        "g = q_i/k_i + (q_i/k_i)^2/0.5 out of chamber i, g its gauge pressure",
+        &[size("k1", "ml/(s bar)", 5.0, 0.01), size("k2", "ml/(s bar)", 5.0, 0.01)],
         0,
         &[&[0.005, 0.0], &[0.0, 0.005], &[0.004, 0.004]],
     );
@@ -246,7 +259,7 @@ impl Law for ExternalLeakageOrifice {
         if let Port::Hydraulic(h) = port {
             for (i, k) in k.iter().enumerate() {
                 let gauge = h.pressure_bar[i] - AMBIENT_BAR;
-                h.flow_ml_s[i] -= *k * gauge / (gauge * gauge + 2.5e-3).sqrt().sqrt();
+                h.flow_ml_s[i] -= *k * gap_and_orifice(gauge, 0.5);
             }
         }
     }
@@ -306,15 +319,15 @@ impl Law for PumpLagSecondOrder {
     }
 }
 
-/// Slip that grows as t/(t + tau).
-struct PumpWarmingHyperbolic;
+/// Oil that warms soon and a housing that follows late.
+struct PumpWarmingTwoMasses;
 
-impl Law for PumpWarmingHyperbolic {
+impl Law for PumpWarmingTwoMasses {
     const HEADER: Header = header(
-        "pump_warming_hyperbolic",
+        "pump_warming_two_masses",
         Balance::Pump,
         &[PortKind::Line],
-        "Q -= k*t/(t + tau)*dp*opening of the brake valve",
+        "Q -= k*(1 - 0.6*exp(-t/tau) - 0.4*exp(-t/(8*tau)))*dp*opening of the brake valve",
         &[size("k", "ml/(s bar)", 5.0, 0.05), shape("tau", "s", 5.0, 600.0, 60.0)],
         0,
         &[&[0.02, 20.0], &[0.05, 60.0]],
@@ -323,7 +336,8 @@ impl Law for PumpWarmingHyperbolic {
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Line(l) = port {
             let time = S::constant(l.time_s);
-            l.flow_ml_s -= k[0] * time / (k[1] + l.time_s) * l.dp_bar * l.opening;
+            let (oil, housing) = ((-(time / k[1])).exp(), (-(time / (k[1] * 8.0))).exp());
+            l.flow_ml_s -= k[0] * (-(oil * 0.6 + housing * 0.4) + 1.0) * l.dp_bar * l.opening;
         }
     }
 }
