@@ -2,7 +2,7 @@
 //!
 //! Windows of somewhat more than half a second are freed of their parabola, which takes out what is slow, and those of middling
 //! size count, which leaves out what a wrong model does after each step of the input. The autocovariance of what is left
-//! is the sensors' own: their filters, their converters' steps. It is described as noise of a first-order filter beside white
+//! is the sensors' own: their filters, their converters' steps; unless it is far more than they show at rest. It is described as noise of a first-order filter beside white
 //! noise, corrected for what the parabola took.
 
 use std::sync::LazyLock;
@@ -18,6 +18,10 @@ const WINDOW: usize = 64;
 const LAGS: usize = 24;
 /// Fewer windows than this say nothing.
 const FEWEST: usize = 12;
+/// So many windows at rest tell the noise's variance within a factor of two, whatever its colour within reason.
+const FEWEST_RESTS: usize = 4;
+/// Times the variance at rest from which what moves shows more than noise.
+const LOUDER: f64 = 3.0;
 /// Noise counts as forgotten where its correlation has fallen to this share.
 const FORGOTTEN: f64 = 0.03;
 
@@ -58,28 +62,40 @@ impl Colour {
 /// By [`Channel`]: the noise's colour as these residuals show it where the lever is free.
 pub fn colours(problem: &Problem, residuals: &[Vec<f64>]) -> Vec<Colour> {
     let of = |channel: Channel| {
-        let mut windows: Vec<Vec<f64>> = Vec::new();
+        let (mut windows, mut resting): (Vec<Vec<f64>>, Vec<Vec<f64>>) = Default::default();
         for (s, r) in problem.stretches.iter().zip(residuals).filter(|(s, _)| s.stand == Stand::Free) {
-            let series: Vec<f64> =
-                s.targets.iter().zip(r).filter(|(t, _)| t.channel == channel).map(|(_, r)| *r).collect();
+            let own = || s.targets.iter().zip(r).filter(|(t, _)| t.channel == channel);
+            let series: Vec<f64> = own().map(|(_, r)| *r).collect();
             windows.extend(series.chunks_exact(WINDOW).map(products));
+            let rest = own().take_while(|(t, _)| t.middle < problem.plant.rest_rows(s)).count();
+            resting.extend(series[..rest].chunks_exact(WINDOW).map(products));
         }
-        of_windows(windows)
+        of_windows(windows, resting)
     };
     // a plant that never rests shows no noise apart from what the model misses, which must not pass for noise
     let rests = problem.stretches.iter().any(|s| problem.plant.rest_rows(s) > 0);
     problem.channels().map(|c| if rests { of(c) } else { Colour::white() }).collect()
 }
 
-fn of_windows(mut windows: Vec<Vec<f64>>) -> Colour {
-    windows.retain(|w| w.iter().all(|v| v.is_finite()));
+/// `resting`: windows in which the plant rests. Noise is no larger where the plant moves; what is, all over, is a wrong model.
+fn of_windows(mut windows: Vec<Vec<f64>>, mut resting: Vec<Vec<f64>>) -> Colour {
+    for windows in [&mut windows, &mut resting] {
+        windows.retain(|w| w.iter().all(|v| v.is_finite()));
+    }
     if windows.len() < FEWEST {
         return Colour::white();
     }
     windows.sort_by(|a, b| a[0].total_cmp(&b[0]));
     let windows = &windows[windows.len() * 3 / 10..(windows.len() * 6).div_ceil(10)];
     let count = windows.len() as f64;
-    let seen = DVector::from_fn(LAGS + 1, |k, _| windows.iter().map(|w| w[k]).sum::<f64>() / count);
+    let mut seen = DVector::from_fn(LAGS + 1, |k, _| windows.iter().map(|w| w[k]).sum::<f64>() / count);
+    if resting.len() >= FEWEST_RESTS {
+        let at_rest =
+            DVector::from_fn(LAGS + 1, |k, _| resting.iter().map(|w| w[k]).sum::<f64>() / resting.len() as f64);
+        if seen[0] > LOUDER * at_rest[0].max(SHARE[(0, 0)]) {
+            seen = at_rest;
+        }
+    }
     let covariance = first_order(&seen);
     // where there is hardly any noise, steps of the sensor are all that it shows
     if covariance[0] < 0.05 || !covariance.iter().all(|v| v.is_finite()) {
@@ -174,7 +190,24 @@ mod tests {
     }
 
     fn colour_of(series: &[f64]) -> Colour {
-        of_windows(series.chunks_exact(WINDOW).map(products).collect())
+        of_windows(series.chunks_exact(WINDOW).map(products).collect(), Vec::new())
+    }
+
+    #[test]
+    fn a_misfit_that_is_everywhere_is_no_noise_where_the_rest_is_quiet() {
+        let quiet = noise(0.4, 6 * WINDOW, 3);
+        // wherever it moves the model swings along with something that the plant does not do
+        let wrong: Vec<f64> =
+            noise(0.0, 40_000, 4).iter().enumerate().map(|(t, v)| v + 9.0 * (t as f64 * 0.3).sin()).collect();
+        let windows = |series: &[f64]| series.chunks_exact(WINDOW).map(products).collect::<Vec<_>>();
+        assert!(of_windows(windows(&wrong), Vec::new()).at(0) > 10.0);
+        let c = of_windows(windows(&wrong), windows(&quiet));
+        assert!((0.6..1.5).contains(&c.at(0)), "{c:?}");
+        // and a rest that is quieter by chance, or behind a coarse step, changes nothing
+        let rest: Vec<f64> = quiet.iter().map(|v| 0.7 * v).collect();
+        let moving = noise(0.4, 40_000, 6);
+        assert_eq!(of_windows(windows(&moving), windows(&rest)), colour_of(&moving));
+        assert_eq!(of_windows(windows(&moving), windows(&[0.0; 6 * WINDOW])), colour_of(&moving));
     }
 
     #[test]

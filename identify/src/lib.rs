@@ -14,6 +14,8 @@ pub mod figures;
 pub mod findings;
 pub mod fit;
 pub mod forms;
+pub mod guide;
+pub mod guided;
 pub mod identification;
 pub mod judged;
 pub mod layout;

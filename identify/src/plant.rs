@@ -74,6 +74,11 @@ pub trait Plant: Sync {
         0
     }
 
+    /// Its simulation heeds [`Stretch::guide`].
+    fn can_be_guided(&self) -> bool {
+        false
+    }
+
     /// Sets the parameters that follow from others.
     fn complete_values(&self, _k: &mut [f64]) {}
 

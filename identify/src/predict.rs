@@ -6,6 +6,7 @@ use model::port::PortKind;
 use model::rec::{self, Input, STATES, state};
 use model::scalar::{Scalar, Tangent};
 
+use crate::guide::Pull;
 use crate::layout::Layout;
 use crate::prepare::{Channel, Stand, Stretch};
 
@@ -124,6 +125,20 @@ impl<'a> Run<'a> {
         [seen[0], seen[1], seen[2], torque, self.x[state::VOLUME]]
     }
 
+    /// What is drawn towards what was measured at row `i`; nothing where the simulation runs free.
+    fn pulls(&self, i: usize) -> impl Iterator<Item = Pull> + use<'a> {
+        let (stretch, dt) = (self.stretch, self.step_length(i));
+        let all = stretch.guide.into_iter().flat_map(move |guide| guide.pulls(dt));
+        all.filter(move |pull| stretch.measured[pull.channel.index()][i].is_finite())
+    }
+
+    /// Draws a guided state towards what was measured at row `i`, where `y` was predicted.
+    fn follow(&mut self, i: usize, y: &[f64; 5]) {
+        for Pull { channel, state, gain } in self.pulls(i) {
+            self.x[state] += gain * (self.stretch.measured[channel.index()][i] - y[channel.index()]);
+        }
+    }
+
     fn standing_input(&self, i: usize) -> Input {
         let i = i.min(self.stretch.rows() - 2);
         self.stretch.input(i, self.step_length(i))
@@ -157,6 +172,7 @@ pub fn predict(
         let y = run.outputs(i);
         means.add(stretch, i, &y, &mut out);
         if i + 1 < stretch.rows() {
+            run.follow(i, &y);
             run.advance(i)?;
         }
     }
@@ -175,8 +191,10 @@ pub fn predict_rows(
     let mut out = Vec::with_capacity(stretch.rows());
     for i in 0..stretch.rows() {
         run.impose(i);
-        out.push(run.outputs(i));
+        let y = run.outputs(i);
+        out.push(y);
         if i + 1 < stretch.rows() {
+            run.follow(i, &y);
             run.advance(i)?;
         }
     }
@@ -258,6 +276,8 @@ pub fn linearise(
             next_target += 1;
         }
         if i + 1 < stretch.rows() {
+            follow_sensitivity(stretch, &run, &seeds, &mut s, i);
+            run.follow(i, &y);
             run.advance_with(i, |input, t, dt, middle| s.advance(&seeds, input, t, dt, middle))?;
         }
     }
@@ -322,6 +342,23 @@ fn impose_sensitivity(stretch: &Stretch, run: &Run, seeds: &Seeds, s: &mut Sensi
             s.set(state::PRESSURE2, first + c, -seen[2].slope[lane]);
         }
     });
+}
+
+/// Derivatives of a guided state behind row `i`.
+fn follow_sensitivity(stretch: &Stretch, run: &Run, seeds: &Seeds, s: &mut Sensitivity, i: usize) {
+    let slopes: Vec<(Pull, Vec<f64>)> = run
+        .pulls(i)
+        .map(|pull| {
+            let mut slope = vec![0.0; s.row(0).len()];
+            output_slope(stretch, run, seeds, s, i, pull.channel, &mut slope);
+            (pull, slope)
+        })
+        .collect();
+    for (Pull { state, gain, .. }, slope) in slopes {
+        for (column, slope) in slope.iter().enumerate() {
+            s.set(state, column, s.get(state, column) - gain * slope);
+        }
+    }
 }
 
 /// Derivative of one output at row `i`.

@@ -4,11 +4,12 @@ use model::integrate::SimulationError;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
+use crate::guide::Guide;
 use crate::layout::Layout;
 use crate::plant::Plant;
 use crate::plants::rec::REC;
 use crate::predict::Initial;
-use crate::prepare::{Channel, Stretch};
+use crate::prepare::{Channel, Stand, Stretch};
 
 /// What is fitted: stretches and the standard deviation of a single sample of each of their channels.
 #[derive(Clone, Debug)]
@@ -91,6 +92,13 @@ impl Problem {
     pub fn shortened(&self, length_s: f64) -> Problem {
         let stretches = self.stretches.iter().map(|s| s.shortened(length_s)).collect();
         Problem { plant: self.plant, stretches, std: self.std.clone(), steps: self.steps.clone() }
+    }
+
+    /// The same, with simulations of a free lever that follow what was measured; `None` where the plant's can't.
+    pub fn guided(&self, guide: Guide) -> Option<Problem> {
+        let free = |s: &Stretch| (s.stand == Stand::Free).then_some(guide);
+        let stretches = self.stretches.iter().map(|s| Stretch { guide: free(s), ..s.clone() }).collect();
+        self.plant.can_be_guided().then(|| Problem { stretches, ..self.clone() })
     }
 
     /// Number of targets.

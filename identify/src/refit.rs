@@ -3,6 +3,7 @@
 use model::effects::Effect;
 
 use crate::fit::{Effort, Fit, fit};
+use crate::guided::Guided;
 use crate::problem::{Point, Problem};
 use crate::score::Direction;
 
@@ -25,9 +26,14 @@ pub struct Bases<'a> {
     /// The first seconds of each run: a short horizon has fewer false minima, so a start from the component experiments is
     /// led over it.
     pub short: &'a Problem,
-    /// The effect may be gross: both starts are tried.
+    /// The current model where its simulation follows what was measured: there single effects are led from all of their starts.
+    pub guided: Option<&'a Guided>,
+    /// The effect may be gross: all these starts are tried.
     pub gross: bool,
 }
+
+/// Brings a start near its minimum.
+const LEAD: Effort = Effort { iterations: 10, tolerance: 1e-3, promise: f64::INFINITY, creep: 0.0, ahead: false };
 
 /// Refits `current` with these effects added, from the best of their starts, with this effort from each base.
 pub fn refit(
@@ -72,13 +78,19 @@ pub fn refit(
     if let Some((_, point)) = best {
         tried.extend(fit(problem, &layout, point, effort).ok());
     }
-    if bases.gross
+    let led = match added {
+        [(effect, _)] => bases.guided.and_then(|guided| guided.led(*effect)),
+        _ => None,
+    };
+    if let Some(led) = led {
+        tried.extend(fit(problem, &layout, problem.point(led), effort).ok());
+    } else if bases.gross
         && let Some((_, point)) = best_of(bases.short, true, 1.0)
     {
-        let lead = Effort { iterations: 10, tolerance: 1e-3, ..Effort::default() };
-        let point = fit(bases.short, &layout, point.clone(), lead).map_or(point, |f| f.point);
+        let point = fit(bases.short, &layout, point.clone(), LEAD).map_or(point, |f| f.point);
         tried.extend(fit(problem, &layout, point, effort).ok());
     }
+    tracing::debug!(last = ?added.last().map(|(e, _)| e.header().id), costs = ?tried.iter().map(|f| f.cost).collect::<Vec<_>>(), "starts");
     let fit = tried.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost))?;
     Some(Refit { added: added.iter().map(|(e, _)| e.header().id).collect(), fit })
 }

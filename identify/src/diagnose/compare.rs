@@ -7,9 +7,10 @@ use model::integrate::SimulationError;
 use super::holdout::HoldOut;
 use super::round::Round;
 use super::search::Search;
-use super::{MATERIAL, PREFERRED, Ranked};
+use super::{GUIDED_S, MATERIAL, PREFERRED, Ranked};
 use crate::colour::{Colour, colours};
 use crate::fit::{Effort, Fit};
+use crate::guided::Guided;
 use crate::misfit;
 use crate::problem::{Point, Problem};
 use crate::refit::{Bases, Refit, advantage, refit};
@@ -33,7 +34,8 @@ const CHANCE: f64 = 2.0;
 /// What counts as nothing but noise here, noise floors.
 const NOISE: f64 = 0.3;
 
-/// Refits each set of the shortlist; the lowest cost first.
+/// Refits each set of the shortlist; the lowest cost first. `beside`: what a candidate costs that need not be refitted, infinite where there is none;
+/// who leaves many times that is not brought to the end.
 ///
 /// In heats: each candidate gets a few steps, those that keep up some more, and those that are still near the best are brought
 /// to their minimum, for only there can they be compared. Who falls far behind is in the result as it was left.
@@ -42,6 +44,7 @@ pub(super) fn refit_all(
     bases: &Bases,
     round: &Round,
     shortlist: &[Vec<&'static dyn Effect>],
+    beside: f64,
     progress: &dyn Fn(&str),
 ) -> Vec<Refit> {
     let mut out: Vec<Refit> = Vec::new();
@@ -58,7 +61,7 @@ pub(super) fn refit_all(
         let Some(best) = out.first().map(|r| r.fit.cost) else { break };
         let gain = (before - best).max(0.0);
         for (place, r) in out.iter_mut().enumerate() {
-            let keeps_up = before - r.fit.cost >= heat.share * gain && r.fit.cost <= heat.times * best;
+            let keeps_up = before - r.fit.cost >= heat.share * gain && r.fit.cost <= heat.times * best.min(beside);
             if !r.fit.converged
                 && place < heat.most
                 && keeps_up
@@ -69,12 +72,13 @@ pub(super) fn refit_all(
         }
     }
     out.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
-    let gain = before - out.first().map_or(before, |r| r.fit.cost);
+    let gain = before - out.first().map_or(before, |r| r.fit.cost.min(beside));
     for r in out.iter_mut().take(SHAPED).filter(|r| before - r.fit.cost > HALF * gain) {
         if !is_noise(problem, &r.fit) {
             r.fit = forms::refined(problem, r.fit.clone(), &r.added, GENERAL.effort());
         }
-        if !is_noise(problem, &r.fit) {
+        // under a guide other shapes were tried
+        if bases.guided.is_none() && !is_noise(problem, &r.fit) {
             r.fit = shapes::search(problem, r.fit.clone(), HEATS[2].effort());
         }
     }
@@ -170,6 +174,13 @@ pub(super) fn nearer(problem: &Problem, horizons: &[&Problem], reference: &Fit, 
         }
     }
     best
+}
+
+/// A model on the start of each run where its simulation follows what was measured, from its fit or the component experiments on.
+pub(super) fn guided(problem: &Problem, current: &Fit, component: &[f64]) -> Option<Guided> {
+    let mut from_component = current.point.theta.clone();
+    from_component[..component.len()].copy_from_slice(component);
+    Guided::new(&problem.shortened(GUIDED_S), &current.layout, &[current.point.theta.clone(), from_component])
 }
 
 /// A model fitted to the brief runs, from its fit to the whole ones on.
@@ -300,12 +311,13 @@ pub(super) fn empirical(
     gains.sort_by(|a, b| b.0.total_cmp(&a.0));
     tracing::debug!(?gains, "nameless terms");
     let top = gains.first().map_or(0.0, |(g, _)| *g);
-    let bases = Bases { current: nested, component: search.component, short: &search.short, gross: false };
+    let bases =
+        Bases { current: nested, component: search.component, short: &search.short, guided: None, gross: false };
     let worth = gains.into_iter().filter(|(g, _)| *g > 0.3 * top).take(3);
     let sets: Vec<Vec<&'static dyn Effect>> = worth.map(|(_, e)| vec![e]).collect();
     let (clusters, _) = crate::score::clusters(&search.brief);
     let mut best: Option<(f64, Fit)> = None;
-    for refit in refit_all(&search.brief, &bases, round, &sets, search.progress) {
+    for refit in refit_all(&search.brief, &bases, round, &sets, f64::INFINITY, search.progress) {
         let held_out = HoldOut::of(&search.brief, &refit.fit, &clusters)?.residuals();
         let left = misfit::total(&misfit::parts(&search.brief, &held_out, colours));
         tracing::info!(term = ?refit.added, cost = refit.fit.cost, left, "nameless terms on data left out");

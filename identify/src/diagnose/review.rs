@@ -27,15 +27,17 @@ impl Search<'_> {
         let gross = misfit::largest(&misfit::parts(&self.brief, &residual, &found.colours)) > GROSS;
         let open = self.open(&alone);
         let round = Round::new(&self.brief, &alone, open.iter().copied())?;
-        let bases = Bases { current: &alone, component: self.component, short: &self.short, gross };
+        let guided = self.guided(&alone, gross);
+        let guided = guided.as_ref();
+        let bases = Bases { current: &alone, component: self.component, short: &self.short, guided, gross };
         let mut shortlist = round.shortlist(&open, if gross { 6 } else { 5 });
         shortlist.retain(|set| set.len() == 1 && set[0].header().id != own);
-        let mut refits = refit_all(&self.brief, &bases, &round, &shortlist, self.progress);
+        let mut refits = refit_all(&self.brief, &bases, &round, &shortlist, brief.cost, self.progress);
         refits.push(Refit { added: vec![own], fit: brief.clone() });
         refits.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
         let alike = look_alikes(&round, &refits, &open);
         if !alike.is_empty() {
-            refits.extend(refit_all(&self.brief, &bases, &round, &alike, self.progress));
+            refits.extend(refit_all(&self.brief, &bases, &round, &alike, brief.cost, self.progress));
             refits.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
         }
         let others = rivals(&self.brief, &refits, alone.cost)?;

@@ -4,13 +4,15 @@ use model::effects::Effect;
 use model::integrate::SimulationError;
 
 use super::compare::{
-    is_sound, look_alikes, nearer, nested_on, on_the_whole, rank, refit_all, rivals, to_the_end, where_they_differ,
+    guided, is_sound, look_alikes, nearer, nested_on, on_the_whole, rank, refit_all, rivals, to_the_end,
+    where_they_differ,
 };
 use super::holdout::HoldOut;
 use super::round::Round;
 use super::{BRIEF_S, CLEAR, Declared, EXPLAINED, GROSS, LEVEL, LOST, MATERIAL, PREFERRED, Ranked, SHORT_S};
 use crate::colour::{Colour, colours};
 use crate::fit::{FAR, Fit};
+use crate::guided::Guided;
 use crate::identification::covariance_of;
 use crate::misfit::{self, Part};
 use crate::problem::Problem;
@@ -159,6 +161,28 @@ impl<'a> Search<'a> {
         nested_on(&self.brief, current)
     }
 
+    /// A fit that leaves a gross misfit, or a better one of the same model from where a guide leads: it may stand in a false minimum, and a second
+    /// effect must not be named for what another start would have gained.
+    fn reseated(&self, found: &Found, fit: Fit) -> Result<Fit, SimulationError> {
+        let residual = self.problem.residuals(&fit.layout, &fit.point)?;
+        let gross = misfit::largest(&misfit::parts(self.problem, &residual, &found.colours)) > GROSS;
+        let theta = self.guided(&fit, gross).and_then(|guided| guided.let_go());
+        let led = theta
+            .and_then(|theta| crate::fit::fit(self.problem, &fit.layout, self.problem.point(theta), to_the_end()).ok());
+        Ok(match led {
+            Some(led) if led.cost < fit.cost => {
+                tracing::info!(from = fit.cost, to = led.cost, "the model was in a false minimum");
+                led
+            }
+            _ => fit,
+        })
+    }
+
+    /// The current model where its simulation follows what was measured, for a misfit that is gross.
+    pub fn guided(&self, current: &Fit, gross: bool) -> Option<Guided> {
+        if gross { guided(self.problem, current, self.component) } else { None }
+    }
+
     /// A candidate is significant, or the last step's misfit is certain without.
     pub fn calls_for(&self, found: &Found, round: &Round) -> bool {
         let largest = misfit::largest(&found.parts(self.problem, found.last()));
@@ -181,13 +205,15 @@ impl<'a> Search<'a> {
         let largest = misfit::largest(&found.parts(self.problem, &last));
         let open = self.open(&last.fit);
         let gross = largest > GROSS;
-        let bases = Bases { current: nested, component: self.component, short: &self.short, gross };
+        let guided = self.guided(nested, gross);
+        let guided = guided.as_ref();
+        let bases = Bases { current: nested, component: self.component, short: &self.short, guided, gross };
         let shortlist = round.shortlist(&open, if gross { 6 } else { 5 });
-        let mut refits = refit_all(&self.brief, &bases, round, &shortlist, self.progress);
+        let mut refits = refit_all(&self.brief, &bases, round, &shortlist, f64::INFINITY, self.progress);
         // what looks like the best one must be refitted too before that is named
         let alike = look_alikes(round, &refits, &open);
         if !alike.is_empty() {
-            refits.extend(refit_all(&self.brief, &bases, round, &alike, self.progress));
+            refits.extend(refit_all(&self.brief, &bases, round, &alike, f64::INFINITY, self.progress));
             refits.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
         }
         let Some(best) = refits.first() else { return Ok(None) };
@@ -198,6 +224,7 @@ impl<'a> Search<'a> {
         let Some(fit) = on_the_whole(self.problem, &last.fit, self.component, &best.fit, to_the_end()) else {
             return Ok(None);
         };
+        let fit = self.reseated(found, fit)?;
         let rivals = rivals(&self.brief, &refits, nested.cost)?;
         let next_experiment = match rivals.first() {
             Some(rival) => Some(where_they_differ(&self.brief, &best.fit, &rival.fit)?),

@@ -108,6 +108,10 @@ impl Plant for Rec {
         stretch.voltage_v.iter().position(|u| *u != 0.0).unwrap_or(stretch.rows())
     }
 
+    fn can_be_guided(&self) -> bool {
+        true
+    }
+
     fn complete_values(&self, k: &mut [f64]) {
         close_losses(k);
     }

@@ -57,6 +57,7 @@ pub fn stretches(
         initial: vec![0.0; 3],
         initial_std: vec![0.0; 3],
         measured: vec![Vec::new(); Channel::ALL.len()],
+        guide: None,
         blocks: Vec::new(),
         targets: Vec::new(),
     };

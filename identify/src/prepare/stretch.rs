@@ -3,6 +3,7 @@
 use model::rec::{Circuit, Input, Lever};
 use recordings::{Protocol, Recording};
 
+use crate::guide::Guide;
 use crate::noise::mean;
 
 /// What is compared with the model: a position among the plant's channels ([`crate::plant::PlantHeader::channels`]). Those of
@@ -107,6 +108,8 @@ pub struct Stretch {
     pub initial_std: Vec<f64>,
     /// Measured values by channel, one a row; `NaN` = none. Channels that are not targets are empty.
     pub measured: Vec<Vec<f64>>,
+    /// The simulation follows what was measured, as an observer does; `None`: it runs free.
+    pub guide: Option<Guide>,
     /// First rows of the blocks over which targets are averaged, and the number of rows at the end.
     pub blocks: Vec<usize>,
     /// What is compared, in the order of the blocks, then of the channels.
@@ -144,6 +147,7 @@ impl Stretch {
             initial,
             initial_std,
             measured,
+            guide: None,
             blocks: (0..rows).step_by(block.max(1)).collect(),
             targets: Vec::new(),
         }
