@@ -16,8 +16,8 @@ pub struct Guided {
     problems: Vec<Problem>,
     /// The model under the tightest.
     fit: Fit,
-    /// Where it was led from: no effect that it lacks has bent it there.
-    from: Vec<Point>,
+    /// Where no effect that it lacks has bent it.
+    unbent: Point,
 }
 
 /// Guides that let go step by step. The first is short against all that a lever does, and still long against the noise: an error of 0.1 Nm at
@@ -31,19 +31,18 @@ const FEW: Effort = Effort { iterations: 8, ..LEAD };
 const SIZES: [f64; 3] = [1.0, 0.3, 3.0];
 /// An effect that takes away less than this share of the cost under the tightest guide is not led: the other starts are as good.
 const LEADS: f64 = 0.1;
-/// Most starts of an effect that are led: friction in one form is a false minimum of friction in another.
-const MOST: usize = 6;
-/// The lowest minimum counts as found where a second start comes so near to it.
-const AGAIN: f64 = 1.05;
-
+/// An effect that leads is led from at most so many starts more: friction in one form is a false minimum of friction in another.
+const MORE: usize = 5;
 impl Guided {
-    /// A model under guides on this problem, from whichever of these points promises most; `None` where the plant's simulation can't be guided.
-    pub fn new(problem: &Problem, layout: &Layout, from: &[Vec<f64>]) -> Option<Self> {
+    /// A model under guides on this problem, from its fit or from values that no lacking effect has bent, whichever leads further; `None` where the
+    /// plant's simulation can't be guided.
+    pub fn new(problem: &Problem, layout: &Layout, fitted: &[f64], unbent: &[f64]) -> Option<Self> {
         let problems = GUIDES.iter().map(|guide| problem.guided(*guide)).collect::<Option<Vec<_>>>()?;
         let tight = problems.first()?;
-        let from: Vec<Point> = from.iter().map(|theta| tight.point(theta.clone())).collect();
-        let fit = best(from.iter().filter_map(|point| fit(tight, layout, point.clone(), LEAD).ok()))?;
-        Some(Guided { problems, fit, from })
+        let unbent = tight.point(unbent.to_vec());
+        let from = [tight.point(fitted.to_vec()), unbent.clone()];
+        let fit = best(from.into_iter().filter_map(|point| fit(tight, layout, point, LEAD).ok()))?;
+        Some(Guided { problems, fit, unbent })
     }
 
     /// Parameters of the model where the guide lets go.
@@ -56,37 +55,16 @@ impl Guided {
         let tight = self.problems.first()?;
         let layout = self.fit.layout.with(effect);
         let few = |start: Point| fit(tight, &layout, start, FEW).ok();
-        // from the fit without it, and from where no effect that is lacking has bent the base
-        let places = [&self.fit.point].into_iter().chain(&self.from);
-        let mut starts: Vec<Vec<(f64, Point)>> = places.map(|place| self.starts(&layout, place, effect)).collect();
+        let leads = |led: &Fit| led.cost < (1.0 - LEADS) * self.fit.cost;
+        let mut starts = [&self.fit.point, &self.unbent].map(|place| self.starts(&layout, place, effect));
         let firsts: Vec<Point> = starts.iter_mut().filter_map(|s| s.pop()).map(|(_, point)| point).collect();
-        let mut others: Vec<(f64, Point)> = starts.into_iter().flatten().collect();
-        others.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let (mut tried, mut lowest): (usize, Option<Fit>) = (0, None);
-        let mut next = firsts.len();
-        let all = firsts.into_iter().chain(others.into_iter().rev().map(|(_, point)| point));
-        for led in all.filter_map(few) {
-            tried += 1;
-            let again = lowest.as_ref().is_some_and(|l| l.cost.max(led.cost) < AGAIN * l.cost.min(led.cost));
-            lowest = best(lowest.into_iter().chain([led]));
-            let leads = lowest.as_ref().is_some_and(|l| l.cost < (1.0 - LEADS) * self.fit.cost);
-            if leads {
-                next = MOST;
-            }
-            if tried >= next || (leads && again) {
-                break;
-            }
-        }
-        let led = lowest.filter(|l| l.cost < (1.0 - LEADS) * self.fit.cost)?;
-        let led = fit(tight, &layout, led.point, LEAD).ok()?;
-        tracing::debug!(
-            id = effect.header().id,
-            tried,
-            from = self.fit.cost,
-            to = led.cost,
-            targets = tight.targets(),
-            "guided"
-        );
+        let lowest = best(firsts.into_iter().filter_map(few)).filter(leads)?;
+        let mut others = starts.concat();
+        others.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let more = others.into_iter().take(MORE).filter_map(|(_, point)| few(point));
+        let lowest = best([lowest].into_iter().chain(more))?;
+        let led = fit(tight, &layout, lowest.point, LEAD).ok()?;
+        tracing::debug!(id = effect.header().id, from = self.fit.cost, to = led.cost, "led");
         self.let_go_from(led)
     }
 
@@ -113,6 +91,6 @@ impl Guided {
 }
 
 /// The fit of the lowest cost.
-fn best(fits: impl Iterator<Item = Fit>) -> Option<Fit> {
-    fits.min_by(|a, b| a.cost.total_cmp(&b.cost))
+fn best(fits: impl IntoIterator<Item = Fit>) -> Option<Fit> {
+    fits.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost))
 }

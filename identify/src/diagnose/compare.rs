@@ -180,7 +180,7 @@ pub(super) fn nearer(problem: &Problem, horizons: &[&Problem], reference: &Fit, 
 pub(super) fn guided(problem: &Problem, current: &Fit, component: &[f64]) -> Option<Guided> {
     let mut from_component = current.point.theta.clone();
     from_component[..component.len()].copy_from_slice(component);
-    Guided::new(&problem.shortened(GUIDED_S), &current.layout, &[current.point.theta.clone(), from_component])
+    Guided::new(&problem.shortened(GUIDED_S), &current.layout, &current.point.theta, &from_component)
 }
 
 /// A model fitted to the brief runs, from its fit to the whole ones on.
