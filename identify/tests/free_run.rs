@@ -7,6 +7,7 @@ mod common;
 use common::{dynamic, layout, problem};
 use identify::colour::colours;
 use identify::fit::{Effort, fit};
+use identify::guide::Guide;
 use identify::identification::standard_errors;
 use identify::misfit;
 use identify::score::{Gram, Scene, dot};
@@ -16,28 +17,33 @@ use model::effects::{LIBRARY, find};
 #[test]
 fn derivatives_of_the_predictions_are_those_of_finite_differences() {
     let truth = Parameters::example();
-    let problem = problem(&[dynamic(&truth, None, 8.0, 1)]);
-    let lag = find("pump_lag").unwrap();
-    let layout = layout(&truth).with(lag);
-    let mut theta = layout.vector_of(&truth);
-    theta.push(0.012);
-    let point = problem.point(theta);
-    let columns = layout.len() + 3;
-    let piece = &problem.linearise(&layout, &point).unwrap()[0];
-    let threshold = layout.names().iter().position(|n| n == "a").unwrap();
-    for c in (0..layout.len()).filter(|c| *c != threshold) {
-        let step = 1e-5 * (1e-3 + point.theta[c].abs());
-        let side = |s: f64| {
-            let mut p = point.clone();
-            p.theta[c] += s * step;
-            problem.residuals(&layout, &p).unwrap().remove(0)
-        };
-        let (up, down) = (side(1.0), side(-1.0));
-        let expected: Vec<f64> = up.iter().zip(&down).map(|(u, d)| (d - u) / (2.0 * step)).collect();
-        let largest = expected.iter().fold(0.0f64, |m, v| m.max(v.abs()));
-        for (t, e) in expected.iter().enumerate() {
-            let got = piece.slope[t * columns + c];
-            assert!((got - e).abs() < 0.05 * largest, "{} at target {t}: {got} for {e}", layout.names()[c]);
+    let free = problem(&[dynamic(&truth, None, 8.0, 1)]);
+    let guided = free.guided(Guide { lever_s: 0.03, pressure_s: 0.1 }).unwrap();
+    for (problem, id, values) in
+        [(&free, "pump_lag", &[0.012][..]), (&guided, "pump_lag", &[0.012]), (&guided, "angle_offset", &[0.01])]
+    {
+        let layout = layout(&truth).with(find(id).unwrap());
+        let mut theta = layout.vector_of(&truth);
+        theta.extend(values);
+        let point = problem.point(theta);
+        let columns = layout.len() + 3;
+        let piece = &problem.linearise(&layout, &point).unwrap()[0];
+        let threshold = layout.names().iter().position(|n| n == "a").unwrap();
+        for c in (0..layout.len()).filter(|c| *c != threshold) {
+            let step = 1e-5 * (1e-3 + point.theta[c].abs());
+            let side = |s: f64| {
+                let mut p = point.clone();
+                p.theta[c] += s * step;
+                problem.residuals(&layout, &p).unwrap().remove(0)
+            };
+            let (up, down) = (side(1.0), side(-1.0));
+            let expected: Vec<f64> = up.iter().zip(&down).map(|(u, d)| (d - u) / (2.0 * step)).collect();
+            let largest = expected.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+            for (t, e) in expected.iter().enumerate() {
+                let got = piece.slope[t * columns + c];
+                let name = &layout.names()[c];
+                assert!((got - e).abs() < 0.05 * largest, "{id}, {name} at target {t}: {got} for {e}");
+            }
         }
     }
 }

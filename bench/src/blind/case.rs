@@ -152,16 +152,16 @@ fn or_nan<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::super::judge::Named;
     use super::*;
 
-    fn acting(id: &str, strength: f64, cost: f64) -> Acting {
+    pub fn acting(id: &str, strength: f64, cost: f64) -> Acting {
         let (id, form, balance) = (id.to_owned(), id.to_owned(), "flow".to_owned());
         Acting { id, balance, form, parameters: Default::default(), strength, cost: Some(cost) }
     }
 
-    fn case(acting: Vec<Acting>, named: &[&str], figures: Figures) -> Case {
+    pub fn case(acting: Vec<Acting>, named: &[&str], figures: Figures) -> Case {
         let effects = named.iter().map(|id| Named {
             id: (*id).to_owned(),
             balance: "flow".to_owned(),

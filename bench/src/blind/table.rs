@@ -198,9 +198,52 @@ pub fn targets(cases: &[Case]) -> Vec<Target> {
     ]
 }
 
+/// How often the 95 % interval of a parameter holds its true value: of effects that are named right, act in the library's own form and are found in it.
+pub fn covered(cases: &[Case]) -> Share {
+    const Z: f64 = 1.959_963_985;
+    let mut share = Share { hits: 0, of: 0 };
+    for case in cases.iter().filter(|c| c.outcome == Outcome::Right) {
+        for acting in case.acting.iter().filter(|a| a.form == a.id) {
+            for (name, truth) in &acting.parameters {
+                let own = format!("{}.{name}", acting.id);
+                let found = case.figures.values.iter().find(|(name, _, _)| *name == own);
+                if let Some((_, value, Some(std))) = found
+                    && *std > 0.0
+                {
+                    share.of += 1;
+                    share.hits += usize::from((value - truth).abs() <= Z * std);
+                }
+            }
+        }
+    }
+    share
+}
+
 #[cfg(test)]
 mod tests {
+    use super::super::case::Figures;
+    use super::super::case::tests::{acting, case};
     use super::*;
+
+    #[test]
+    fn an_interval_counts_where_the_effect_has_the_form_that_it_was_given() {
+        let of = |form: &str, value: f64, std: Option<f64>| {
+            let mut acting = acting("tilt", 5.0, 1.0);
+            acting.form = form.to_owned();
+            acting.parameters.insert("c".to_owned(), 1.0);
+            let values = vec![("tilt.c".to_owned(), value, std)];
+            let figures = Figures { values, ..Figures::default() };
+            Case { outcome: Outcome::Right, ..case(vec![acting], &["tilt"], figures) }
+        };
+        let cases = [
+            of("tilt", 1.1, Some(0.06)),
+            of("tilt", 1.1, Some(0.04)),
+            of("another", 1.1, Some(0.04)),
+            // a shape that was held
+            of("tilt", 1.1, None),
+        ];
+        assert_eq!(covered(&cases), Share { hits: 1, of: 2 });
+    }
 
     #[test]
     fn intervals_are_wilsons() {

@@ -3,7 +3,7 @@
 use super::results::aligned;
 use crate::blind::plan::{Kind, plan};
 use crate::blind::store::Store;
-use crate::blind::table::{Target, confusion, targets};
+use crate::blind::table::{Target, confusion, covered, targets};
 use crate::blind::trial::trial;
 use crate::failure::{self, Failure};
 use crate::progress::Progress;
@@ -76,6 +76,7 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     progress.result("");
     let targets = targets(&cases);
     targets.iter().for_each(|target| progress.result(&target.line()));
+    progress.result(&format!("{:44} {}", "parameters: 95 % interval holds the truth", covered(&cases)));
     judge(&targets, args.case.is_some())
 }
 

@@ -47,15 +47,18 @@ pub(super) fn refit_all(
     beside: f64,
     progress: &dyn Fn(&str),
 ) -> Vec<Refit> {
+    let before = bases.current.cost;
     let mut out: Vec<Refit> = Vec::new();
     for set in shortlist {
         let added: Vec<(&'static dyn Effect, Vec<&Direction>)> = set
             .iter()
             .map(|e| (*e, round.of(e.header().id).into_iter().map(|i| &round.directions[i]).collect()))
             .collect();
-        out.extend(refit(problem, bases, &added, HEATS[0].effort()));
+        // beside one that explains nearly all only what looks like it matters, and that is refitted as such
+        let explained = out.iter().any(|r| r.fit.cost < NEARLY_ALL * before);
+        let alone = Bases { gross: false, guided: None, ..*bases };
+        out.extend(refit(problem, if explained { &alone } else { bases }, &added, HEATS[0].effort()));
     }
-    let before = bases.current.cost;
     for heat in &HEATS[1..] {
         out.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
         let Some(best) = out.first().map(|r| r.fit.cost) else { break };
@@ -89,6 +92,9 @@ pub(super) fn refit_all(
     out
 }
 
+/// Share of the cost that is left where a gross misfit is explained: further candidates then need not be looked for with all that leads to gross
+/// effects.
+const NEARLY_ALL: f64 = 0.02;
 /// So many of the best candidates are given their general form and other shapes where theirs leave more than noise: the rig's may differ, or
 /// they may be caught in a false minimum.
 const SHAPED: usize = 3;

@@ -1,0 +1,53 @@
+//! Starts that are found where the simulation follows what was measured.
+
+#![allow(clippy::unwrap_used, reason = "a test may end where something is not as expected")]
+
+mod common;
+
+use common::{dynamic, layout, problem};
+use identify::fit::{Effort, fit};
+use identify::guide::Guide;
+use identify::guided::Guided;
+use model::Parameters;
+use model::effects::find;
+
+#[test]
+fn a_guided_lever_stays_where_the_rig_s_was() {
+    let truth = Parameters::example();
+    let friction = find("stribeck_friction").unwrap();
+    let problem = problem(&[dynamic(&truth, Some((friction, vec![1.5, 0.2, 0.02])), 20.0, 7)]);
+    let layout = layout(&truth);
+    let point = problem.point(layout.vector_of(&truth));
+    let cost = |lever_s: f64| {
+        let guided = problem.guided(Guide { lever_s, pressure_s: 3.0 * lever_s }).unwrap();
+        guided.cost(&layout, &point) / problem.targets() as f64
+    };
+    let (tight, loose, free) = (cost(0.03), cost(0.1), problem.cost(&layout, &point) / problem.targets() as f64);
+    assert!(1.5 < tight && tight < loose && 3.0 * loose < free, "{tight} {loose} {free}");
+}
+
+#[test]
+fn friction_that_a_free_run_can_not_find_is_led_to() {
+    let truth = Parameters::example();
+    let friction = find("stribeck_friction").unwrap();
+    let values = vec![1.5, 0.2, 0.02];
+    let problem = problem(&[dynamic(&truth, Some((friction, values.clone())), 20.0, 7)]);
+    let layout = layout(&truth);
+    // all other parameters have bent to where the friction is least missed
+    let bent = fit(&problem, &layout, problem.point(layout.vector_of(&truth)), Effort::default()).unwrap();
+    let with = layout.with(friction);
+    let targets = problem.targets() as f64;
+    let led = Guided::new(&problem, &layout, &bent.point.theta, &layout.vector_of(&truth)).unwrap();
+    let theta = led.led(friction).unwrap();
+    let found = fit(&problem, &with, problem.point(theta), Effort::default()).unwrap();
+    assert!(found.cost < 1.1 * targets, "{} of {}", found.cost / targets, bent.cost / targets);
+    for (v, k) in found.point.theta[with.first_of(0)..].iter().zip(values) {
+        assert!((v / k - 1.0).abs() < 0.05, "{v} for {k}");
+    }
+    let mut point = bent.point.clone();
+    point.theta.extend(friction.header().starts[0]);
+    let free = fit(&problem, &with, point, Effort::default()).unwrap();
+    assert!(free.cost > 50.0 * targets, "a free run finds it as well: {}", free.cost / targets);
+    // what is not there leads nowhere
+    assert!(led.led(find("pump_lag").unwrap()).is_none());
+}
