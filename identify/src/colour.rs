@@ -2,8 +2,8 @@
 //!
 //! Windows of somewhat more than half a second are freed of their parabola, which takes out what is slow, and those of middling
 //! size count, which leaves out what a wrong model does after each step of the input. The autocovariance of what is left
-//! is the sensors' own: their filters, their converters' steps; unless it is far more than they show at rest. It is described as noise of a first-order filter beside white
-//! noise, corrected for what the parabola took.
+//! is the sensors' own: their filters, their converters' steps; where it is far more than they show at rest it is not, and the rest is
+//! taken. It is described as noise of a first-order filter beside white noise, corrected for what the parabola took.
 
 use std::sync::LazyLock;
 
@@ -20,8 +20,9 @@ const LAGS: usize = 24;
 const FEWEST: usize = 12;
 /// So many windows at rest tell the noise's variance within a factor of two, whatever its colour within reason.
 const FEWEST_RESTS: usize = 4;
-/// Times the variance at rest from which what moves shows more than noise.
-const LOUDER: f64 = 3.0;
+/// Times the variance at rest from which what moves shows more than noise. Where the model is right the two are within a third of each other; a sensor
+/// may well be noisier where it moves, and to take its noise for an effect would be worse than to take a gross effect for noise.
+const LOUDER: f64 = 10.0;
 /// Noise counts as forgotten where its correlation has fallen to this share.
 const FORGOTTEN: f64 = 0.03;
 

@@ -33,6 +33,7 @@ const SIZES: [f64; 3] = [1.0, 0.3, 3.0];
 const LEADS: f64 = 0.1;
 /// An effect that leads is led from at most so many starts more: friction in one form is a false minimum of friction in another.
 const MORE: usize = 5;
+
 impl Guided {
     /// A model under guides on this problem, from its fit or from values that no lacking effect has bent, whichever leads further; `None` where the
     /// plant's simulation can't be guided.

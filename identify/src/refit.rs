@@ -14,6 +14,8 @@ pub struct Refit {
     pub added: Vec<&'static str>,
     /// The fit.
     pub fit: Fit,
+    /// It was led from all starts of its effect under a guide: other shapes need not be tried.
+    pub led: bool,
 }
 
 /// Where a refit may start, and on what.
@@ -82,6 +84,7 @@ pub fn refit(
         [(effect, _)] => bases.guided.and_then(|guided| guided.led(*effect)),
         _ => None,
     };
+    let guided = led.is_some();
     if let Some(led) = led {
         tried.extend(fit(problem, &layout, problem.point(led), effort).ok());
     } else if bases.gross
@@ -92,7 +95,7 @@ pub fn refit(
     }
     tracing::debug!(last = ?added.last().map(|(e, _)| e.header().id), costs = ?tried.iter().map(|f| f.cost).collect::<Vec<_>>(), "starts");
     let fit = tried.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost))?;
-    Some(Refit { added: added.iter().map(|(e, _)| e.header().id).collect(), fit })
+    Some(Refit { added: added.iter().map(|(e, _)| e.header().id).collect(), fit, led: guided })
 }
 
 /// Sizes of a start that are tried one after the other until one leads down.

@@ -80,8 +80,7 @@ pub(super) fn refit_all(
         if !is_noise(problem, &r.fit) {
             r.fit = forms::refined(problem, r.fit.clone(), &r.added, GENERAL.effort());
         }
-        // under a guide other shapes were tried
-        if bases.guided.is_none() && !is_noise(problem, &r.fit) {
+        if !r.led && !is_noise(problem, &r.fit) {
             r.fit = shapes::search(problem, r.fit.clone(), HEATS[2].effort());
         }
     }

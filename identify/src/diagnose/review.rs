@@ -33,7 +33,7 @@ impl Search<'_> {
         let mut shortlist = round.shortlist(&open, if gross { 6 } else { 5 });
         shortlist.retain(|set| set.len() == 1 && set[0].header().id != own);
         let mut refits = refit_all(&self.brief, &bases, &round, &shortlist, brief.cost, self.progress);
-        refits.push(Refit { added: vec![own], fit: brief.clone() });
+        refits.push(Refit { added: vec![own], fit: brief.clone(), led: false });
         refits.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
         let alike = look_alikes(&round, &refits, &open);
         if !alike.is_empty() {

@@ -1,7 +1,6 @@
 //! What effects do with energy and oil.
 
 use super::*;
-use crate::port::{AMBIENT_BAR, HydraulicPort, LinePort, MechanicalPort};
 
 /// A closed path of all signals: (angle, velocity, pressures, their rates, voltage) at time `t`, period 2 pi s.
 struct Path {
@@ -41,25 +40,13 @@ fn drawn(effect: &dyn Effect, k: &[f64], x: &[f64], dx: &mut [f64], path: &Path,
                     velocity_rad_s,
                     dp_bar,
                     load_bar: pressure_bar[0] + pressure_bar[1] - 2.0 * AMBIENT_BAR,
-                    vertical: false,
-                    torque_nm: 0.0,
+                    ..lever()
                 };
                 effect.act_value(k, x, dx, &mut Port::Mechanical(&mut m));
                 power -= m.torque_nm * velocity_rad_s;
             }
             PortKind::Hydraulic => {
-                let mut h = HydraulicPort {
-                    time_s: t,
-                    pressure_bar,
-                    angle_rad,
-                    velocity_rad_s,
-                    flow_ml_s: [0.0; 2],
-                    capacity_ml_bar: [0.0; 2],
-                    displacement_ml_rad: [0.0; 2],
-                    stored_slope_ml_rad: [0.0; 2],
-                    actuator_torque_nm: 0.0,
-                    shut_off: false,
-                };
+                let mut h = HydraulicPort { time_s: t, angle_rad, velocity_rad_s, ..chambers(pressure_bar) };
                 effect.act_value(k, x, dx, &mut Port::Hydraulic(&mut h));
                 for (i, rate) in [rate1, rate2].into_iter().enumerate() {
                     let taken =
@@ -68,16 +55,7 @@ fn drawn(effect: &dyn Effect, k: &[f64], x: &[f64], dx: &mut [f64], path: &Path,
                 }
             }
             PortKind::Line => {
-                let mut l = LinePort {
-                    time_s: t,
-                    voltage_v: 12.0,
-                    dp_bar,
-                    flow_ml_s: 0.0,
-                    slip_ml_s_bar: 0.25,
-                    drive_ml_s: 7.0,
-                    opening: 1.0,
-                    open: true,
-                };
+                let mut l = line(t, dp_bar);
                 effect.act_value(k, x, dx, &mut Port::Line(&mut l));
                 power -= l.flow_ml_s * dp_bar;
             }
@@ -124,21 +102,6 @@ fn a_passive_effect_draws_energy_on_every_closed_path() {
                 assert!(energy > 1e-3 * moved, "{} {start:?}: keeps {energy} of {moved}", h.id);
             }
         }
-    }
-}
-
-fn chambers(pressure_bar: [f64; 2]) -> HydraulicPort<f64> {
-    HydraulicPort {
-        time_s: 0.0,
-        pressure_bar,
-        angle_rad: 0.2,
-        velocity_rad_s: 1.0,
-        flow_ml_s: [0.0; 2],
-        capacity_ml_bar: [2.0; 2],
-        displacement_ml_rad: [70.0, -70.0],
-        stored_slope_ml_rad: [0.0; 2],
-        actuator_torque_nm: 0.0,
-        shut_off: false,
     }
 }
 

@@ -1,7 +1,6 @@
 //! General forms: the library's where they are neutral, and what each of their own parameters means.
 
 use super::*;
-use crate::port::{AMBIENT_BAR, HydraulicPort, LinePort, MechanicalPort};
 
 #[test]
 fn a_refined_form_is_the_library_s_at_its_neutral_values() {
@@ -52,33 +51,14 @@ fn general(id: &str) -> &'static dyn Effect {
 
 /// Torque on the lever, Nm.
 fn torque(id: &str, k: &[f64], angle_rad: f64, velocity_rad_s: f64) -> f64 {
-    let mut m = MechanicalPort {
-        time_s: 1.0,
-        angle_rad,
-        velocity_rad_s,
-        dp_bar: 0.0,
-        load_bar: 3.0,
-        vertical: false,
-        torque_nm: 0.0,
-    };
+    let mut m = MechanicalPort { angle_rad, velocity_rad_s, ..lever() };
     general(id).act_value(k, &[], &mut [], &mut Port::Mechanical(&mut m));
     m.torque_nm
 }
 
 /// Flow into each chamber, ml/s, at these gauge pressures; `dx` gets the rates of the effect's states `x`.
 fn flow(id: &str, k: &[f64], gauge_bar: [f64; 2], x: &[f64], dx: &mut [f64]) -> [f64; 2] {
-    let mut h = HydraulicPort {
-        time_s: 1.0,
-        pressure_bar: gauge_bar.map(|p| AMBIENT_BAR + p),
-        angle_rad: 0.0,
-        velocity_rad_s: 0.0,
-        flow_ml_s: [0.0; 2],
-        capacity_ml_bar: [0.0; 2],
-        displacement_ml_rad: [0.0; 2],
-        stored_slope_ml_rad: [0.0; 2],
-        actuator_torque_nm: 0.0,
-        shut_off: false,
-    };
+    let mut h = chambers(gauge_bar.map(|p| AMBIENT_BAR + p));
     general(id).act_value(k, x, dx, &mut Port::Hydraulic(&mut h));
     h.flow_ml_s
 }
@@ -129,16 +109,7 @@ fn a_leak_goes_with_its_power_of_pressure_and_what_leaves_one_chamber_enters_the
 #[test]
 fn warming_is_half_done_after_its_time_constant_where_it_is_a_hyperbola() {
     let slip = |time_s: f64, s: f64| {
-        let mut line = LinePort {
-            time_s,
-            voltage_v: 12.0,
-            dp_bar: 1.0,
-            flow_ml_s: 0.0,
-            slip_ml_s_bar: 0.25,
-            drive_ml_s: 7.0,
-            opening: 1.0,
-            open: true,
-        };
+        let mut line = line(time_s, 1.0);
         general("pump_warming").act_value(&[0.4, 60.0, s], &[], &mut [], &mut Port::Line(&mut line));
         -line.flow_ml_s
     };
