@@ -18,8 +18,8 @@ const WINDOW: usize = 64;
 const LAGS: usize = 24;
 /// Fewer windows than this say nothing.
 const FEWEST: usize = 12;
-/// So many windows at rest tell the noise's variance within a factor of two, whatever its colour within reason.
-const FEWEST_RESTS: usize = 4;
+/// So many windows at rest tell the noise's variance within a factor of three, whatever its colour within reason: one of 64 targets does.
+const FEWEST_RESTS: usize = 1;
 /// Times the variance at rest from which what moves shows more than noise. Where the model is right the two are within a third of each other; a sensor
 /// may well be noisier where it moves, and to take its noise for an effect would be worse than to take a gross effect for noise.
 const LOUDER: f64 = 10.0;
@@ -204,6 +204,9 @@ mod tests {
         assert!(of_windows(windows(&wrong), Vec::new()).at(0) > 10.0);
         let c = of_windows(windows(&wrong), windows(&quiet));
         assert!((0.6..1.5).contains(&c.at(0)), "{c:?}");
+        // which the rest of one run alone tells
+        let c = of_windows(windows(&wrong), windows(&quiet[..WINDOW]));
+        assert!((0.3..3.0).contains(&c.at(0)), "{c:?}");
         // and a rest that is quieter by chance, or behind a coarse step, changes nothing
         let rest: Vec<f64> = quiet.iter().map(|v| 0.7 * v).collect();
         let moving = noise(0.4, 40_000, 6);

@@ -5,6 +5,7 @@
 mod common;
 
 use common::{dynamic, layout, problem};
+use identify::diagnose::{Declared, Verdict, diagnose_declared};
 use identify::fit::{Effort, fit};
 use identify::guide::Guide;
 use identify::guided::Guided;
@@ -50,4 +51,28 @@ fn friction_that_a_free_run_can_not_find_is_led_to() {
     assert!(free.cost > 50.0 * targets, "a free run finds it as well: {}", free.cost / targets);
     // what is not there leads nowhere
     assert!(led.led(find("pump_lag").unwrap()).is_none());
+}
+
+#[test]
+fn a_gross_friction_is_named_and_nothing_beside_it() {
+    let truth = Parameters::example();
+    let values = vec![1.5, 0.2, 0.02];
+    let runs =
+        [7, 8, 9].map(|seed| dynamic(&truth, Some((find("stribeck_friction").unwrap(), values.clone())), 16.0, seed));
+    let problem = problem(&runs);
+    let layout = layout(&truth);
+    let component = layout.vector_of(&truth);
+    let bent = fit(&problem, &layout, problem.point(component.clone()), Effort::default()).unwrap();
+    let library: Vec<_> =
+        ["elastic_hysteresis", "stribeck_friction", "pressure_friction", "backlash", "end_stop", "cross_leakage"]
+            .map(|id| find(id).unwrap())
+            .to_vec();
+    let base = Declared { problem: &problem, fit: &bent, component: &component };
+    let found = diagnose_declared(&library, &base, &|text| println!("{text}")).unwrap();
+    let names: Vec<&str> = found.effects.iter().map(|a| a.effect.header().id).collect();
+    assert_eq!((found.verdict, names), (Verdict::Attributed, vec!["stribeck_friction"]));
+    let after = found.after.point.theta;
+    for (v, k) in after[after.len() - 3..].iter().zip(values) {
+        assert!((v / k - 1.0).abs() < 0.05, "{v} for {k}");
+    }
 }

@@ -371,20 +371,4 @@ impl Law for PressureDriftLinear {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use model::effects;
-
-    #[test]
-    fn each_form_stands_for_an_effect_of_its_balance_and_is_another() {
-        for (name, form) in FORMS {
-            let effect = effects::find(name).expect("a name of the library");
-            assert_eq!(effect.header().balance, form.header().balance, "{name}");
-            assert_eq!(name_of(*form), *name);
-            assert_eq!(name_of(effect), *name);
-            assert!(effects::find(form.header().id).is_none());
-            let sizes = form.header().parameters.len();
-            assert!(form.header().starts.iter().all(|s| s.len() == sizes), "{name}");
-        }
-    }
-}
+mod tests;

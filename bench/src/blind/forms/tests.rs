@@ -1,0 +1,242 @@
+//! Each form is what its equation says: values at known points, limits, balance of oil, rest.
+
+use super::*;
+use model::effects;
+use model::port::{ActuatorPort, HydraulicPort, LinePort, MechanicalPort, SensorPort};
+
+#[test]
+fn each_form_stands_for_an_effect_of_its_balance_and_is_another() {
+    for (name, form) in FORMS {
+        let effect = effects::find(name).expect("a name of the library");
+        assert_eq!(effect.header().balance, form.header().balance, "{name}");
+        assert_eq!(name_of(*form), *name);
+        assert_eq!(name_of(effect), *name);
+        assert!(effects::find(form.header().id).is_none());
+        let sizes = form.header().parameters.len();
+        assert!(form.header().starts.iter().all(|s| s.len() == sizes), "{name}");
+    }
+}
+
+fn alike(a: f64, b: f64) {
+    assert!((a - b).abs() <= 1e-6 * (1.0 + b.abs()), "{a} for {b}");
+}
+
+/// Torque on the lever, Nm, at 3 bar of load; `dx` gets the rates of the form's states `x`.
+fn torque(form: &dyn Effect, k: &[f64], lever: (f64, f64), x: &[f64], dx: &mut [f64]) -> f64 {
+    let mut m = MechanicalPort {
+        time_s: 1.0,
+        angle_rad: lever.0,
+        velocity_rad_s: lever.1,
+        dp_bar: 0.0,
+        load_bar: 3.0,
+        vertical: false,
+        torque_nm: 0.0,
+    };
+    form.act_value(k, x, dx, &mut Port::Mechanical(&mut m));
+    m.torque_nm
+}
+
+/// Chambers at these gauge pressures after the form has acted; `dx` gets the rates of its states `x`.
+fn chambers(form: &dyn Effect, k: &[f64], gauge_bar: [f64; 2], x: &[f64], dx: &mut [f64]) -> HydraulicPort<f64> {
+    shut(form, k, gauge_bar, x, dx, false)
+}
+
+fn shut(
+    form: &dyn Effect,
+    k: &[f64],
+    gauge_bar: [f64; 2],
+    x: &[f64],
+    dx: &mut [f64],
+    shut_off: bool,
+) -> HydraulicPort<f64> {
+    let mut h = HydraulicPort {
+        time_s: 1.0,
+        pressure_bar: gauge_bar.map(|p| AMBIENT_BAR + p),
+        angle_rad: 0.0,
+        velocity_rad_s: 0.0,
+        flow_ml_s: [0.0; 2],
+        capacity_ml_bar: [0.0; 2],
+        displacement_ml_rad: [0.0; 2],
+        stored_slope_ml_rad: [0.0; 2],
+        actuator_torque_nm: 0.0,
+        shut_off,
+    };
+    form.act_value(k, x, dx, &mut Port::Hydraulic(&mut h));
+    h
+}
+
+#[test]
+fn hysteresis_saturates_at_its_size_and_rests_where_the_way_there_left_it() {
+    let (k, step) = ([0.4, 0.1], 1e-4);
+    let (mut x, mut dx) = ([0.0], [0.0]);
+    let way = [0.0f64, 0.3, 0.12, 0.25];
+    for leg in way.windows(2) {
+        let w = (leg[1] - leg[0]).signum();
+        for _ in 0..((leg[1] - leg[0]).abs() / step).round() as usize {
+            torque(&BoucWen, &k, (0.0, w), &x, &mut dx);
+            x[0] += step * dx[0];
+            assert!(x[0].abs() <= 1.0, "{x:?}");
+        }
+        if leg[1] == 0.3 {
+            assert!(x[0] > 0.99, "after three times d: {x:?}");
+            alike(torque(&BoucWen, &k, (0.0, 0.0), &x, &mut dx), -0.4 * x[0]);
+            assert_eq!(dx, [0.0], "nothing relaxes while the lever stands");
+        }
+    }
+    let rest = Rest {
+        arrival: Arrival::Led(&way),
+        angle_rad: 0.25,
+        pressure_bar: [2.0; 2],
+        actuator_torque_nm: 0.0,
+        torque_nm: 0.0,
+        voltage_v: 0.0,
+        brake_open: true,
+    };
+    let mut led = [7.0];
+    BoucWen.rest(&k, &rest, &mut led);
+    assert!((led[0] - x[0]).abs() < 0.01, "{led:?} for {x:?}");
+}
+
+#[test]
+fn friction_opposes_the_motion_and_falls_as_its_equation_says() {
+    let peak = |w: f64| torque(&StribeckRational, &[0.6, 0.3, 0.002], (0.0, w), &[], &mut []);
+    alike(peak(0.3), -0.3);
+    alike(peak(0.9), -0.06);
+    let pressed = |w: f64| torque(&PressureFrictionRational, &[0.2, 0.02], (0.0, w), &[], &mut []);
+    alike(pressed(0.02), -0.2 * 3.0 * 0.5f64.sqrt());
+    assert!((pressed(20.0) + 0.6).abs() < 1e-5);
+    for friction in [&peak as &dyn Fn(f64) -> f64, &pressed] {
+        assert_eq!(friction(0.0), 0.0);
+        for w in [1e-3, 0.05, 0.4, 3.0] {
+            assert!(friction(w) < 0.0, "{w}");
+            assert_eq!(friction(-w), -friction(w));
+        }
+    }
+}
+
+#[test]
+fn a_buffer_has_its_stiffness_at_contact_and_twice_of_it_ln_2_deeper() {
+    let (k, contact) = ([8.0, 30.0], 30f64.to_radians());
+    let at = |depth: f64| torque(&EndStopExponential, &k, (contact + depth, 0.0), &[], &mut []);
+    let slope = |depth: f64| (at(depth + 1e-5) - at(depth - 1e-5)) / 2e-5;
+    assert_eq!(at(-1e-6), 0.0);
+    assert!((at(1e-5) / 1e-5 + 8.0).abs() < 0.01);
+    let twice = BUFFER_RAD * 2f64.ln();
+    assert!((slope(twice) / -8.0 - 2.0).abs() < 1e-3, "{}", slope(twice));
+    assert_eq!(torque(&EndStopExponential, &k, (-0.6, 0.0), &[], &mut []), -at(0.6 - contact));
+}
+
+#[test]
+fn creep_s_branches_take_the_whole_capacity_and_rest_is_at_equilibrium() {
+    alike(BRANCHES.iter().map(|(share, _)| share).sum(), 1.0);
+    let (k, gauge, step) = ([0.3, 0.4], [2.0, 0.5], 1e-2);
+    let rest = Rest {
+        arrival: Arrival::Free,
+        angle_rad: 0.0,
+        pressure_bar: gauge.map(|g| AMBIENT_BAR + g),
+        actuator_torque_nm: 0.0,
+        torque_nm: 0.0,
+        voltage_v: 0.0,
+        brake_open: true,
+    };
+    let (mut x, mut dx, mut taken) = ([0.0; 6], [0.0; 6], [0.0; 2]);
+    for _ in 0..10_000 {
+        let into = chambers(&WallCreepThreeTimes, &k, gauge, &x, &mut dx).flow_ml_s;
+        x.iter_mut().zip(dx).for_each(|(x, rate)| *x += step * rate);
+        taken.iter_mut().zip(into).for_each(|(taken, into)| *taken -= step * into);
+    }
+    let mut still = [7.0; 6];
+    WallCreepThreeTimes.rest(&k, &rest, &mut still);
+    for i in 0..2 {
+        assert!((taken[i] - k[0] * gauge[i]).abs() < 1e-4, "{taken:?}");
+    }
+    assert!(x.iter().zip(still).all(|(x, still)| (x - still).abs() < 1e-4), "{x:?} {still:?}");
+    let flow = chambers(&WallCreepThreeTimes, &k, gauge, &still, &mut dx).flow_ml_s;
+    assert!(dx.iter().chain(&flow).all(|rate| rate.abs() < 1e-12), "{dx:?} {flow:?}");
+}
+
+#[test]
+fn a_gap_and_an_orifice_in_series_share_the_pressure() {
+    for even in [0.1, 0.5] {
+        for dp in [1e-6f64, 0.01, 0.3, 2.0, 5.0] {
+            let q = gap_and_orifice(dp, even);
+            alike(q + q * q / even, dp);
+            assert_eq!(gap_and_orifice(-dp, even), -q);
+        }
+        // the gap alone at little pressure, the orifice alone at much
+        alike(gap_and_orifice(1e-9, even) * 1e9, 1.0);
+        assert!((gap_and_orifice(1e6, even) / (1e6 * even).sqrt() - 1.0).abs() < 1e-3);
+        alike(gap_and_orifice(2.0 * even, even), even);
+    }
+}
+
+#[test]
+fn leaks_lose_no_oil_between_chambers_and_none_at_ambient_pressure() {
+    let [out, into] = chambers(&CrossLeakageGap, &[0.3], [2.0, 1.0], &[], &mut []).flow_ml_s;
+    assert_eq!(out, -into);
+    alike(out, -0.3 * gap_and_orifice(1.0, 0.1));
+    assert_eq!(shut(&CrossLeakageGap, &[0.3], [2.0, 1.0], &[], &mut [], true).flow_ml_s, [0.0; 2]);
+    let outside = chambers(&ExternalLeakageGap, &[0.2, 0.1], [2.0, 0.0], &[], &mut []).flow_ml_s;
+    alike(outside[0], -0.2 * gap_and_orifice(2.0, 0.5));
+    assert_eq!(outside[1], 0.0);
+}
+
+#[test]
+fn air_gives_way_by_what_its_polytrope_loses() {
+    let (volume, steps) = (1.5, 10_000);
+    let capacity =
+        |gauge: f64| chambers(&TrappedAirPolytropic, &[volume, 0.0], [gauge; 2], &[], &mut []).capacity_ml_bar;
+    let step = 4.0 / steps as f64;
+    let lost: f64 = (0..steps).map(|n| step * capacity((n as f64 + 0.5) * step)[0]).sum();
+    alike(lost, volume * (1.0 - (AMBIENT_BAR / (AMBIENT_BAR + 4.0)).powf(1.0 / 1.25)));
+    assert_eq!(capacity(1.0)[1], 0.0);
+}
+
+#[test]
+fn a_lag_of_second_order_starts_level_and_ends_at_the_voltage() {
+    let (k, step) = ([0.02], 1e-4);
+    let (mut x, mut dx) = ([0.0; 2], [0.0; 2]);
+    let shown = |x: &[f64], dx: &mut [f64]| {
+        let mut a = ActuatorPort { time_s: 0.0, voltage_v: 12.0, brake_opening: 1.0 };
+        PumpLagSecondOrder.act_value(&k, x, dx, &mut Port::Actuator(&mut a));
+        a.voltage_v
+    };
+    shown(&x, &mut dx);
+    assert!(dx[0] > 0.0 && dx[1] == 0.0, "no jump, no slope: {dx:?}");
+    for _ in 0..5_000 {
+        shown(&x, &mut dx);
+        x.iter_mut().zip(dx).for_each(|(x, rate)| *x += step * rate);
+    }
+    alike(shown(&x, &mut dx), 12.0);
+}
+
+#[test]
+fn warming_begins_cold_and_ends_at_its_slip() {
+    let slip = |time_s: f64, dp_bar: f64| {
+        let mut line = LinePort {
+            time_s,
+            voltage_v: 12.0,
+            dp_bar,
+            flow_ml_s: 0.0,
+            slip_ml_s_bar: 0.25,
+            drive_ml_s: 7.0,
+            opening: 1.0,
+            open: true,
+        };
+        PumpWarmingTwoMasses.act_value(&[0.4, 20.0], &[], &mut [], &mut Port::Line(&mut line));
+        -line.flow_ml_s
+    };
+    assert_eq!(slip(0.0, 1.0), 0.0);
+    assert_eq!(slip(60.0, 0.0), 0.0);
+    alike(slip(20.0, 1.0), 0.4 * (1.0 - 0.6 * (-1f64).exp() - 0.4 * (-1f64 / 8.0).exp()));
+    assert!((slip(4000.0, -2.0) + 0.8).abs() < 1e-6, "with the pressure's sign");
+}
+
+#[test]
+fn a_zero_runs_away_steadily() {
+    let mut s = SensorPort { time_s: 100.0, angle_deg: 5.0, pressure_bar: [2.0, 3.0] };
+    PressureDriftLinear.act_value(&[0.05, 1e-3, -0.02, 0.0], &[], &mut [], &mut Port::Sensor(&mut s));
+    assert_eq!(s.angle_deg, 5.0);
+    alike(s.pressure_bar[0], 2.15);
+    alike(s.pressure_bar[1], 2.98);
+}
