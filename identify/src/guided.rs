@@ -46,6 +46,11 @@ impl Guided {
         Some(Guided { problems, fit, unbent })
     }
 
+    /// The tightest guide's problem, and the model's fit to it.
+    pub fn tightest(&self) -> Option<(&Problem, &Fit)> {
+        self.problems.first().map(|problem| (problem, &self.fit))
+    }
+
     /// Parameters of the model where the guide lets go.
     pub fn let_go(&self) -> Option<Vec<f64>> {
         self.let_go_from(self.fit.clone())
@@ -54,19 +59,30 @@ impl Guided {
     /// Parameters with an effect added, led from the best of its starts, where the guide lets go; `None` where it leads nowhere.
     pub fn led(&self, effect: &'static dyn Effect) -> Option<Vec<f64>> {
         let tight = self.problems.first()?;
-        let layout = self.fit.layout.with(effect);
-        let few = |start: Point| fit(tight, &layout, start, FEW).ok();
-        let leads = |led: &Fit| led.cost < (1.0 - LEADS) * self.fit.cost;
-        let mut starts = [&self.fit.point, &self.unbent].map(|place| self.starts(&layout, place, effect));
-        let firsts: Vec<Point> = starts.iter_mut().filter_map(|s| s.pop()).map(|(_, point)| point).collect();
-        let lowest = best(firsts.into_iter().filter_map(few)).filter(leads)?;
-        let mut others = starts.concat();
+        let (lowest, mut others) =
+            self.first_steps(effect).filter(|(led, _)| led.cost < (1.0 - LEADS) * self.fit.cost)?;
         others.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let more = others.into_iter().take(MORE).filter_map(|(_, point)| few(point));
+        let layout = lowest.layout.clone();
+        let more = others.into_iter().take(MORE).filter_map(|(_, point)| fit(tight, &layout, point, FEW).ok());
         let lowest = best([lowest].into_iter().chain(more))?;
         let led = fit(tight, &layout, lowest.point, LEAD).ok()?;
         tracing::debug!(id = effect.header().id, from = self.fit.cost, to = led.cost, "led");
         self.let_go_from(led)
+    }
+
+    /// Share of the cost under the tightest guide that a few steps from an effect's best starts take away.
+    pub fn takes_away(&self, effect: &'static dyn Effect) -> f64 {
+        self.first_steps(effect).map_or(0.0, |(led, _)| 1.0 - led.cost / self.fit.cost)
+    }
+
+    /// A few steps from the best start at each place, and the other starts with what they cost.
+    fn first_steps(&self, effect: &'static dyn Effect) -> Option<(Fit, Vec<(f64, Point)>)> {
+        let tight = self.problems.first()?;
+        let layout = self.fit.layout.with(effect);
+        let mut starts = [&self.fit.point, &self.unbent].map(|place| self.starts(&layout, place, effect));
+        let firsts: Vec<Point> = starts.iter_mut().filter_map(|s| s.pop()).map(|(_, point)| point).collect();
+        let lowest = best(firsts.into_iter().filter_map(|point| fit(tight, &layout, point, FEW).ok()))?;
+        Some((lowest, starts.concat()))
     }
 
     /// Starts of an effect at a place by what they cost under the tightest guide, the best last.

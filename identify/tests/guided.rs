@@ -50,7 +50,9 @@ fn friction_that_a_free_run_can_not_find_is_led_to() {
     let free = fit(&problem, &with, point, Effort::default()).unwrap();
     assert!(free.cost > 50.0 * targets, "a free run finds it as well: {}", free.cost / targets);
     // what is not there leads nowhere
-    assert!(led.led(find("pump_lag").unwrap()).is_none());
+    let lag = find("pump_lag").unwrap();
+    assert!(led.led(lag).is_none());
+    assert!(led.takes_away(friction) > 0.5 && led.takes_away(lag) < 0.1);
 }
 
 #[test]

@@ -318,7 +318,9 @@ pub(super) fn empirical(
     let top = gains.first().map_or(0.0, |(g, _)| *g);
     let bases =
         Bases { current: nested, component: search.component, short: &search.short, guided: None, gross: false };
-    let worth = gains.into_iter().filter(|(g, _)| *g > 0.3 * top).take(3);
+    let under = search.nameless_under_guide(nested, colours)?;
+    let open = |e: &'static dyn Effect| under.as_ref().is_none_or(|under| !under.rules_out(e));
+    let worth = gains.into_iter().filter(|(g, e)| *g > 0.3 * top && open(*e)).take(3);
     let sets: Vec<Vec<&'static dyn Effect>> = worth.map(|(_, e)| vec![e]).collect();
     let (clusters, _) = crate::score::clusters(&search.brief);
     let mut best: Option<(f64, Fit)> = None;

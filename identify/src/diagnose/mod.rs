@@ -11,6 +11,7 @@ mod needless;
 mod review;
 mod round;
 mod search;
+mod under_guide;
 
 use model::Parameters;
 use model::effects::{Balance, Effect, LIBRARY};

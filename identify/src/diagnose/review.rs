@@ -30,7 +30,7 @@ impl Search<'_> {
         let guided = self.guided(&alone, gross);
         let guided = guided.as_ref();
         let bases = Bases { current: &alone, component: self.component, short: &self.short, guided, gross };
-        let mut shortlist = round.shortlist(&open, if gross { 6 } else { 5 });
+        let mut shortlist = self.shortlist(&round, &open, &bases)?;
         shortlist.retain(|set| set.len() == 1 && set[0].header().id != own);
         let mut refits = refit_all(&self.brief, &bases, &round, &shortlist, brief.cost, self.progress);
         refits.push(Refit { added: vec![own], fit: brief.clone(), led: false });

@@ -1,6 +1,7 @@
 //! The rounds of a diagnosis: which effect is added to the current model.
 
 use model::effects::Effect;
+use model::effects::empirical::EMPIRICAL;
 use model::integrate::SimulationError;
 
 use super::compare::{
@@ -9,6 +10,7 @@ use super::compare::{
 };
 use super::holdout::HoldOut;
 use super::round::Round;
+use super::under_guide::UnderGuide;
 use super::{BRIEF_S, CLEAR, Declared, EXPLAINED, GROSS, LEVEL, LOST, MATERIAL, PREFERRED, Ranked, SHORT_S};
 use crate::colour::{Colour, colours};
 use crate::fit::{FAR, Fit};
@@ -183,6 +185,38 @@ impl<'a> Search<'a> {
         if gross { guided(self.problem, current, self.component) } else { None }
     }
 
+    /// What terms without a name explain under a guide, where what a model of the brief runs leaves is gross.
+    pub fn nameless_under_guide(
+        &self,
+        nested: &Fit,
+        colours: &[Colour],
+    ) -> Result<Option<UnderGuide>, SimulationError> {
+        let residual = self.brief.residuals(&nested.layout, &nested.point)?;
+        let gross = misfit::largest(&misfit::parts(&self.brief, &residual, colours)) > GROSS;
+        self.guided(nested, gross).map_or(Ok(None), |guided| UnderGuide::of(&guided, &EMPIRICAL))
+    }
+
+    /// Sets of candidates that are worth a refit; none where a guide shows that none of them is what is missing.
+    pub fn shortlist(
+        &self,
+        round: &Round,
+        open: &[&'static dyn Effect],
+        bases: &Bases,
+    ) -> Result<Vec<Vec<&'static dyn Effect>>, SimulationError> {
+        let shortlist = round.shortlist(open, if bases.gross { 6 } else { 5 });
+        let Some(guided) = bases.guided else { return Ok(shortlist) };
+        let Some(mut under) = UnderGuide::of(guided, open)? else { return Ok(shortlist) };
+        if under.none_leads() {
+            // friction of another kind than the model's acts as no little of it would
+            under = UnderGuide::led(guided, &shortlist);
+        }
+        if under.none_leads() {
+            tracing::info!("no candidate leads under the guide");
+            return Ok(Vec::new());
+        }
+        Ok(under.narrow(shortlist))
+    }
+
     /// A candidate is significant, or the last step's misfit is certain without.
     pub fn calls_for(&self, found: &Found, round: &Round) -> bool {
         let largest = misfit::largest(&found.parts(self.problem, found.last()));
@@ -208,7 +242,7 @@ impl<'a> Search<'a> {
         let guided = self.guided(nested, gross);
         let guided = guided.as_ref();
         let bases = Bases { current: nested, component: self.component, short: &self.short, guided, gross };
-        let shortlist = round.shortlist(&open, if gross { 6 } else { 5 });
+        let shortlist = self.shortlist(round, &open, &bases)?;
         let mut refits = refit_all(&self.brief, &bases, round, &shortlist, f64::INFINITY, self.progress);
         // what looks like the best one must be refitted too before that is named
         let alike = look_alikes(round, &refits, &open);

@@ -1,0 +1,135 @@
+//! What a gross misfit leaves open, seen where the simulation follows what was measured ([`crate::guide`]).
+//!
+//! There the misfit says what is missing nearly as a small one does: what the right effect explains linearly is most of it, where a free run, which is
+//! elsewhere, says little. So few candidates have to be led and refitted, and none where none of them is what is missing.
+
+use model::effects::Effect;
+use model::integrate::SimulationError;
+
+use super::round::Round;
+use crate::fit::Fit;
+use crate::guided::Guided;
+use crate::problem::Problem;
+
+/// Cost a target under the guide from which what is missing shows there; noise alone leaves 1.
+const SHOWS: f64 = 5.0;
+/// A candidate that takes away less than this share of the cost there is not what is missing.
+const LEADS: f64 = 0.1;
+/// Nor is one that takes away less than this share of what the best one does.
+const BESIDE: f64 = 0.3;
+/// One that takes away so much leaves no room for one that takes away next to nothing.
+const MOST: f64 = 0.5;
+/// The best ones are refitted whatever a free run says of them,
+const BEST: usize = 3;
+/// and so many that lead in free run whatever the guide says of them.
+const FIRST: usize = 2;
+
+/// Shares of the cost under the guide that candidates take away.
+pub(super) struct UnderGuide {
+    shares: Vec<(&'static dyn Effect, f64)>,
+}
+
+impl UnderGuide {
+    /// Of these candidates; `None` where what is missing does not show under the guide.
+    pub fn of(guided: &Guided, candidates: &[&'static dyn Effect]) -> Result<Option<Self>, SimulationError> {
+        let shows = |(problem, fit): &(&Problem, &Fit)| fit.cost > SHOWS * problem.targets() as f64;
+        let Some((problem, fit)) = guided.tightest().filter(shows) else { return Ok(None) };
+        let round = Round::new(problem, fit, candidates.iter().copied())?;
+        let share = |e: &'static dyn Effect| round.gram.gain(&round.of(e.header().id)) / fit.cost;
+        let shares = candidates.iter().map(|e| (*e, share(*e))).collect();
+        Ok(Some(UnderGuide::sorted(shares)))
+    }
+
+    /// The same of those in a shortlist, by a few steps from their starts instead.
+    pub fn led(guided: &Guided, shortlist: &[Vec<&'static dyn Effect>]) -> Self {
+        let singles = shortlist.iter().filter(|set| set.len() == 1).flatten();
+        UnderGuide::sorted(singles.map(|e| (*e, guided.takes_away(*e))).collect())
+    }
+
+    fn sorted(mut shares: Vec<(&'static dyn Effect, f64)>) -> Self {
+        shares.sort_by(|a, b| b.1.total_cmp(&a.1));
+        let best: Vec<_> = shares.iter().take(4).map(|(e, s)| (e.header().id, s)).collect();
+        tracing::info!(?best, "taken away under the guide");
+        UnderGuide { shares }
+    }
+
+    fn best(&self) -> f64 {
+        self.shares.first().map_or(0.0, |(_, share)| *share)
+    }
+
+    fn share(&self, effect: &'static dyn Effect) -> f64 {
+        let own = |(e, _): &&(&'static dyn Effect, f64)| e.header().id == effect.header().id;
+        self.shares.iter().find(own).map_or(0.0, |(_, share)| *share)
+    }
+
+    /// None of the candidates takes away what is missing, linearly: it is none of them, or one that acts as no small one of its kind would.
+    pub fn none_leads(&self) -> bool {
+        self.best() < LEADS
+    }
+
+    /// Another candidate takes away most of the cost, and this one next to nothing.
+    pub fn rules_out(&self, effect: &'static dyn Effect) -> bool {
+        self.best() >= MOST && self.share(effect) < LEADS
+    }
+
+    /// The first sets of a shortlist and those that are still open, and the best candidates besides. Where none takes away most, two may be missing,
+    /// and the shortlist stays whole.
+    pub fn narrow(&self, shortlist: Vec<Vec<&'static dyn Effect>>) -> Vec<Vec<&'static dyn Effect>> {
+        if self.best() < MOST {
+            return shortlist;
+        }
+        let open = |e: &&'static dyn Effect| self.share(*e) >= BESIDE * self.best();
+        let stays = |(place, set): &(usize, Vec<_>)| *place < FIRST || set.iter().all(open);
+        let mut out: Vec<_> = shortlist.into_iter().enumerate().filter(stays).map(|(_, set)| set).collect();
+        for (effect, _) in self.shares.iter().take(BEST).filter(|(e, _)| open(e)) {
+            if !out.iter().any(|set| set.len() == 1 && set[0].header().id == effect.header().id) {
+                out.push(vec![*effect]);
+            }
+        }
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use model::effects::find;
+
+    fn effects(ids: &[&str]) -> Vec<&'static dyn Effect> {
+        ids.iter().map(|id| find(id).expect("an id of the library")).collect()
+    }
+
+    fn under(shares: &[(&str, f64)]) -> UnderGuide {
+        UnderGuide { shares: shares.iter().map(|(id, share)| (effects(&[id])[0], *share)).collect() }
+    }
+
+    fn ids(sets: &[Vec<&'static dyn Effect>]) -> Vec<String> {
+        sets.iter().map(|s| s.iter().map(|e| e.header().id).collect::<Vec<_>>().join("+")).collect()
+    }
+
+    #[test]
+    fn one_that_takes_away_most_leaves_only_its_like() {
+        let u = under(&[("trapped_air", 0.96), ("chamber_asymmetry", 0.9), ("backlash", 0.2), ("pump_lag", 0.01)]);
+        let shortlist = vec![
+            effects(&["pump_lag"]),
+            effects(&["chamber_asymmetry"]),
+            effects(&["backlash"]),
+            effects(&["trapped_air", "pump_lag"]),
+            effects(&["end_stop"]),
+        ];
+        assert_eq!(ids(&u.narrow(shortlist)), ["pump_lag", "chamber_asymmetry", "trapped_air"]);
+        assert!(!u.none_leads());
+        assert!(u.rules_out(effects(&["pump_lag"])[0]) && !u.rules_out(effects(&["backlash"])[0]));
+        assert!(u.rules_out(effects(&["tilt"])[0]), "one that was no candidate");
+    }
+
+    #[test]
+    fn where_none_takes_away_most_all_stay_and_where_none_leads_none() {
+        let two = under(&[("pump_lag", 0.4), ("end_stop", 0.35)]);
+        let shortlist = vec![effects(&["tilt"]), effects(&["end_stop", "pump_lag"])];
+        assert_eq!(ids(&two.narrow(shortlist)), ["tilt", "end_stop+pump_lag"]);
+        assert!(!two.rules_out(effects(&["tilt"])[0]) && !two.none_leads());
+        assert!(under(&[("pump_lag", 0.05)]).none_leads());
+        assert!(under(&[]).none_leads());
+    }
+}
