@@ -21,6 +21,9 @@ use crate::problem::Problem;
 use crate::refit::{Bases, Refit, advantage};
 use crate::shapes;
 
+/// A candidate that takes away this share of the cost of a free run, linearly, is open whatever a guide says of it.
+const SLOW: f64 = 0.5;
+
 /// What stays the same throughout.
 pub(super) struct Search<'a> {
     pub library: &'a [&'static dyn Effect],
@@ -210,7 +213,9 @@ impl<'a> Search<'a> {
             // friction of another kind than the model's acts as no little of it would
             under = UnderGuide::led(guided, &shortlist);
         }
-        if under.none_leads() {
+        // what is slow, a tilt or a drift, a guide follows: it shows in free run
+        let slow = open.iter().any(|e| round.gram.gain(&round.of(e.header().id)) > SLOW * bases.current.cost);
+        if under.none_leads() && !slow {
             tracing::info!("no candidate leads under the guide");
             return Ok(Vec::new());
         }
