@@ -93,6 +93,7 @@ fn of_windows(mut windows: Vec<Vec<f64>>, mut resting: Vec<Vec<f64>>) -> Colour 
     if resting.len() >= FEWEST_RESTS {
         let at_rest =
             DVector::from_fn(LAGS + 1, |k, _| resting.iter().map(|w| w[k]).sum::<f64>() / resting.len() as f64);
+        tracing::debug!(moving = seen[0], rest = at_rest[0], windows = resting.len(), "variance of the noise");
         if seen[0] > LOUDER * at_rest[0].max(SHARE[(0, 0)]) {
             seen = at_rest;
         }

@@ -77,15 +77,7 @@ pub struct Instant<'a, S> {
 impl<S: Scalar> Instant<'_, S> {
     /// Force (or torque) that the effects at the mechanical port add in the direction of motion.
     pub fn mechanical(&self, dx: &mut [S], position: S, velocity: S) -> S {
-        let mut port = MechanicalPort {
-            time_s: self.time_s,
-            angle_rad: position,
-            velocity_rad_s: velocity,
-            dp_bar: S::zero(),
-            load_bar: S::zero(),
-            vertical: false,
-            torque_nm: S::zero(),
-        };
+        let mut port = MechanicalPort::at(self.time_s, position, velocity);
         if self.effects.touches(PortKind::Mechanical) {
             self.effects.act(self.x, dx, Port::Mechanical(&mut port));
         }

@@ -29,8 +29,8 @@ const LEAD: Effort = Effort { iterations: 30, tolerance: 1e-3, promise: f64::INF
 const FEW: Effort = Effort { iterations: 8, ..LEAD };
 /// Sizes of an effect's starts that are tried, for a gross effect the usual ones and more.
 const SIZES: [f64; 3] = [1.0, 0.3, 3.0];
-/// An effect that takes away less than this share of the cost under the tightest guide is not led: the other starts are as good.
-const LEADS: f64 = 0.1;
+/// An effect that takes away less than this share of the cost under the tightest guide is not what is missing, and is not led: the other starts are as good.
+pub const LEADS: f64 = 0.1;
 /// An effect that leads is led from at most so many starts more: friction in one form is a false minimum of friction in another.
 const MORE: usize = 5;
 

@@ -6,9 +6,10 @@ mod common;
 
 use common::{dynamic, layout, problem};
 use identify::diagnose::{Declared, Verdict, diagnose_declared};
-use identify::fit::{Effort, fit};
+use identify::fit::{Effort, Fit, fit};
 use identify::guide::Guide;
 use identify::guided::Guided;
+use identify::problem::Problem;
 use model::Parameters;
 use model::effects::find;
 
@@ -55,16 +56,22 @@ fn friction_that_a_free_run_can_not_find_is_led_to() {
     assert!(led.takes_away(friction) > 0.5 && led.takes_away(lag) < 0.1);
 }
 
-#[test]
-fn a_gross_friction_is_named_and_nothing_beside_it() {
+const RUBS: [f64; 3] = [1.5, 0.2, 0.02];
+
+/// Three runs of a rig with a gross friction peak, base values that it has not bent, and a fit without it.
+fn rubbing() -> (Problem, Vec<f64>, Fit) {
     let truth = Parameters::example();
-    let values = vec![1.5, 0.2, 0.02];
-    let runs =
-        [7, 8, 9].map(|seed| dynamic(&truth, Some((find("stribeck_friction").unwrap(), values.clone())), 16.0, seed));
-    let problem = problem(&runs);
+    let friction = find("stribeck_friction").unwrap();
+    let problem = problem(&[7, 8, 9].map(|seed| dynamic(&truth, Some((friction, RUBS.to_vec())), 16.0, seed)));
     let layout = layout(&truth);
     let component = layout.vector_of(&truth);
     let bent = fit(&problem, &layout, problem.point(component.clone()), Effort::default()).unwrap();
+    (problem, component, bent)
+}
+
+#[test]
+fn a_gross_friction_is_named_and_nothing_beside_it() {
+    let (problem, component, bent) = rubbing();
     let library: Vec<_> =
         ["elastic_hysteresis", "stribeck_friction", "pressure_friction", "backlash", "end_stop", "cross_leakage"]
             .map(|id| find(id).unwrap())
@@ -74,7 +81,7 @@ fn a_gross_friction_is_named_and_nothing_beside_it() {
     let names: Vec<&str> = found.effects.iter().map(|a| a.effect.header().id).collect();
     assert_eq!((found.verdict, names), (Verdict::Attributed, vec!["stribeck_friction"]));
     let after = found.after.point.theta;
-    for (v, k) in after[after.len() - 3..].iter().zip(values) {
+    for (v, k) in after[after.len() - 3..].iter().zip(RUBS) {
         assert!((v / k - 1.0).abs() < 0.05, "{v} for {k}");
     }
 }

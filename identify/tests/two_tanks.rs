@@ -64,16 +64,9 @@ impl Equations for TwoTanks {
         let [p1, p2] = [at.x[0], at.x[1]];
         let (between, out) = (orifice(at.k[2], p1 - p2), orifice(at.k[3], p2 - AMBIENT_BAR));
         let mut port = HydraulicPort {
-            time_s: at.time_s,
-            pressure_bar: [p1, p2],
-            angle_rad: S::zero(),
-            velocity_rad_s: S::zero(),
             flow_ml_s: [S::constant(at.u[0]) - between, between - out],
             capacity_ml_bar: [at.k[0], at.k[1]],
-            displacement_ml_rad: [S::zero(); 2],
-            stored_slope_ml_rad: [S::zero(); 2],
-            actuator_torque_nm: S::zero(),
-            shut_off: false,
+            ..HydraulicPort::at(at.time_s, [p1, p2])
         };
         at.hydraulic(dx, &mut port);
         for i in 0..2 {

@@ -100,6 +100,50 @@ pub struct MechanicalPort<S> {
     pub torque_nm: S,
 }
 
+impl<S: Scalar> LinePort<S> {
+    /// An open line through which nothing flows yet, with the voltage (V) and the pressure difference (bar) across the pump.
+    pub fn open(time_s: f64, voltage_v: S, dp_bar: S) -> Self {
+        let zero = S::zero();
+        let (flow_ml_s, slip_ml_s_bar, drive_ml_s) = (zero, zero, zero);
+        LinePort {
+            time_s,
+            voltage_v,
+            dp_bar,
+            flow_ml_s,
+            slip_ml_s_bar,
+            drive_ml_s,
+            opening: S::constant(1.0),
+            open: true,
+        }
+    }
+}
+
+impl<S: Scalar> HydraulicPort<S> {
+    /// Two vessels at these pressures, bar absolute, into which nothing flows yet; the lever rests in the middle, or there is none.
+    pub fn at(time_s: f64, pressure_bar: [S; 2]) -> Self {
+        HydraulicPort {
+            time_s,
+            pressure_bar,
+            angle_rad: S::zero(),
+            velocity_rad_s: S::zero(),
+            flow_ml_s: [S::zero(); 2],
+            capacity_ml_bar: [S::zero(); 2],
+            displacement_ml_rad: [S::zero(); 2],
+            stored_slope_ml_rad: [S::zero(); 2],
+            actuator_torque_nm: S::zero(),
+            shut_off: false,
+        }
+    }
+}
+
+impl<S: Scalar> MechanicalPort<S> {
+    /// A body on which nothing acts yet, without chambers, at this angle (rad) and velocity (rad/s).
+    pub fn at(time_s: f64, angle_rad: S, velocity_rad_s: S) -> Self {
+        let (dp_bar, load_bar, torque_nm) = (S::zero(), S::zero(), S::zero());
+        MechanicalPort { time_s, angle_rad, velocity_rad_s, dp_bar, load_bar, vertical: false, torque_nm }
+    }
+}
+
 /// What the sensors show; effects alter it.
 pub struct SensorPort<S> {
     /// Since the run's start, s.

@@ -5,12 +5,11 @@
 
 use model::integrate::SimulationError;
 
+use super::PREFERRED;
 use super::compare::{look_alikes, rank, refit_all, rivals, to_the_end, where_they_differ};
 use super::round::Round;
-use super::search::{Found, Name, Search, Step};
-use super::{GROSS, PREFERRED};
+use super::search::{Found, Name, Search, Step, is_gross};
 use crate::fit::{Effort, Fit};
-use crate::misfit;
 use crate::refit::{Bases, Refit, advantage};
 
 impl Search<'_> {
@@ -23,8 +22,7 @@ impl Search<'_> {
         let (layout, point) = brief.without(n);
         let effort = Effort { iterations: 12, tolerance: 1e-6, ..Effort::default() };
         let Ok(alone) = crate::fit::fit(&self.brief, &layout, point, effort) else { return Ok(step) };
-        let residual = self.brief.residuals(&alone.layout, &alone.point)?;
-        let gross = misfit::largest(&misfit::parts(&self.brief, &residual, &found.colours)) > GROSS;
+        let gross = is_gross(&self.brief, &alone, &found.colours)?;
         let open = self.open(&alone);
         let round = Round::new(&self.brief, &alone, open.iter().copied())?;
         let guided = self.guided(&alone, gross);

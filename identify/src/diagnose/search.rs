@@ -21,8 +21,11 @@ use crate::problem::Problem;
 use crate::refit::{Bases, Refit, advantage};
 use crate::shapes;
 
-/// A candidate that takes away this share of the cost of a free run, linearly, is open whatever a guide says of it.
-const SLOW: f64 = 0.5;
+/// What a fit leaves is more than a small effect would.
+pub(super) fn is_gross(problem: &Problem, fit: &Fit, colours: &[Colour]) -> Result<bool, SimulationError> {
+    let residual = problem.residuals(&fit.layout, &fit.point)?;
+    Ok(misfit::largest(&misfit::parts(problem, &residual, colours)) > GROSS)
+}
 
 /// What stays the same throughout.
 pub(super) struct Search<'a> {
@@ -169,8 +172,7 @@ impl<'a> Search<'a> {
     /// A fit that leaves a gross misfit, or a better one of the same model from where a guide leads: it may stand in a false minimum, and a second
     /// effect must not be named for what another start would have gained.
     fn reseated(&self, found: &Found, fit: Fit) -> Result<Fit, SimulationError> {
-        let residual = self.problem.residuals(&fit.layout, &fit.point)?;
-        let gross = misfit::largest(&misfit::parts(self.problem, &residual, &found.colours)) > GROSS;
+        let gross = is_gross(self.problem, &fit, &found.colours)?;
         let theta = self.guided(&fit, gross).and_then(|guided| guided.let_go());
         let led = theta
             .and_then(|theta| crate::fit::fit(self.problem, &fit.layout, self.problem.point(theta), to_the_end()).ok());
@@ -194,8 +196,7 @@ impl<'a> Search<'a> {
         nested: &Fit,
         colours: &[Colour],
     ) -> Result<Option<UnderGuide>, SimulationError> {
-        let residual = self.brief.residuals(&nested.layout, &nested.point)?;
-        let gross = misfit::largest(&misfit::parts(&self.brief, &residual, colours)) > GROSS;
+        let gross = is_gross(&self.brief, nested, colours)?;
         self.guided(nested, gross).map_or(Ok(None), |guided| UnderGuide::of(&guided, &EMPIRICAL))
     }
 
@@ -209,17 +210,16 @@ impl<'a> Search<'a> {
         let shortlist = round.shortlist(open, if bases.gross { 6 } else { 5 });
         let Some(guided) = bases.guided else { return Ok(shortlist) };
         let Some(mut under) = UnderGuide::of(guided, open)? else { return Ok(shortlist) };
-        if under.none_leads() {
+        if !under.leads() {
             // friction of another kind than the model's acts as no little of it would
             under = UnderGuide::led(guided, &shortlist);
         }
-        // what is slow, a tilt or a drift, a guide follows: it shows in free run
-        let slow = open.iter().any(|e| round.gram.gain(&round.of(e.header().id)) > SLOW * bases.current.cost);
-        if under.none_leads() && !slow {
-            tracing::info!("no candidate leads under the guide");
-            return Ok(Vec::new());
+        let in_free_run = open.iter().map(|e| round.gram.gain(&round.of(e.header().id)) / bases.current.cost);
+        let narrowed = under.narrow(shortlist, in_free_run.fold(0.0, f64::max));
+        if narrowed.is_empty() {
+            (self.progress)("no candidate leads where the simulation follows what was measured");
         }
-        Ok(under.narrow(shortlist))
+        Ok(narrowed)
     }
 
     /// A candidate is significant, or the last step's misfit is certain without.

@@ -74,15 +74,7 @@ mod tests {
             let velocity_rad_s = leg[1] - leg[0];
             for _ in 0..STEPS {
                 let mut dx = [0.0];
-                let mut port = MechanicalPort {
-                    time_s: 0.0,
-                    angle_rad: 0.0,
-                    velocity_rad_s,
-                    dp_bar: 0.0,
-                    load_bar: 0.0,
-                    vertical: false,
-                    torque_nm: 0.0,
-                };
+                let mut port = MechanicalPort::at(0.0, 0.0, velocity_rad_s);
                 ElasticHysteresis.act(&k, &z, &mut dx, &mut Port::Mechanical(&mut port));
                 z[0] += dx[0] / STEPS as f64;
             }

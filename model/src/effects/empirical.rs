@@ -305,16 +305,7 @@ mod tests {
         let n = EmpiricalPump::HEADER.parameters.iter().position(|p| p.name == "past_opening").unwrap();
         let mut k = vec![0.0; EmpiricalPump::HEADER.parameters.len()];
         k[n] = 3.0;
-        let mut line = LinePort {
-            time_s: 1.0,
-            voltage_v: VOLTAGE_V,
-            dp_bar: 0.7,
-            flow_ml_s: 0.0,
-            slip_ml_s_bar: 0.25,
-            drive_ml_s: 7.0,
-            opening,
-            open: opening > 0.0,
-        };
+        let mut line = LinePort { opening, open: opening > 0.0, ..LinePort::open(1.0, VOLTAGE_V, 0.7) };
         let mut dx = [0.0; 3];
         EmpiricalPump.act(&k, x, &mut dx, &mut Port::Line(&mut line));
         (line.flow_ml_s, dx[2])

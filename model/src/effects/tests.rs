@@ -65,47 +65,9 @@ fn set(effect: &'static dyn Effect, k: &[f64]) -> EffectSet<f64> {
     EffectSet::new(STATES, [(effect, k.to_vec())])
 }
 
-/// A lever at rest in the middle between chambers at ambient pressure.
-fn lever() -> MechanicalPort<f64> {
-    MechanicalPort {
-        time_s: 1.0,
-        angle_rad: 0.0,
-        velocity_rad_s: 0.0,
-        dp_bar: 0.0,
-        load_bar: 0.0,
-        vertical: false,
-        torque_nm: 0.0,
-    }
-}
-
-/// Chambers at these pressures, the lever at rest in the middle.
-fn chambers(pressure_bar: [f64; 2]) -> HydraulicPort<f64> {
-    HydraulicPort {
-        time_s: 1.0,
-        pressure_bar,
-        angle_rad: 0.0,
-        velocity_rad_s: 0.0,
-        flow_ml_s: [0.0; 2],
-        capacity_ml_bar: [0.0; 2],
-        displacement_ml_rad: [0.0; 2],
-        stored_slope_ml_rad: [0.0; 2],
-        actuator_torque_nm: 0.0,
-        shut_off: false,
-    }
-}
-
 /// The pump at 12 V against this pressure, its way open.
 fn line(time_s: f64, dp_bar: f64) -> LinePort<f64> {
-    LinePort {
-        time_s,
-        voltage_v: 12.0,
-        dp_bar,
-        flow_ml_s: 0.0,
-        slip_ml_s_bar: 0.25,
-        drive_ml_s: 7.0,
-        opening: 1.0,
-        open: true,
-    }
+    LinePort { slip_ml_s_bar: 0.25, drive_ml_s: 7.0, ..LinePort::open(time_s, 12.0, dp_bar) }
 }
 
 /// Derivatives of all states, the torque, the flow and what the sensors show.

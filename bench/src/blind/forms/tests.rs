@@ -23,46 +23,22 @@ fn alike(a: f64, b: f64) {
 
 /// Torque on the lever, Nm, at 3 bar of load; `dx` gets the rates of the form's states `x`.
 fn torque(form: &dyn Effect, k: &[f64], lever: (f64, f64), x: &[f64], dx: &mut [f64]) -> f64 {
-    let mut m = MechanicalPort {
-        time_s: 1.0,
-        angle_rad: lever.0,
-        velocity_rad_s: lever.1,
-        dp_bar: 0.0,
-        load_bar: 3.0,
-        vertical: false,
-        torque_nm: 0.0,
-    };
+    let mut m = MechanicalPort { load_bar: 3.0, ..MechanicalPort::at(1.0, lever.0, lever.1) };
     form.act_value(k, x, dx, &mut Port::Mechanical(&mut m));
     m.torque_nm
 }
 
 /// Chambers at these gauge pressures after the form has acted; `dx` gets the rates of its states `x`.
 fn chambers(form: &dyn Effect, k: &[f64], gauge_bar: [f64; 2], x: &[f64], dx: &mut [f64]) -> HydraulicPort<f64> {
-    shut(form, k, gauge_bar, x, dx, false)
-}
-
-fn shut(
-    form: &dyn Effect,
-    k: &[f64],
-    gauge_bar: [f64; 2],
-    x: &[f64],
-    dx: &mut [f64],
-    shut_off: bool,
-) -> HydraulicPort<f64> {
-    let mut h = HydraulicPort {
-        time_s: 1.0,
-        pressure_bar: gauge_bar.map(|p| AMBIENT_BAR + p),
-        angle_rad: 0.0,
-        velocity_rad_s: 0.0,
-        flow_ml_s: [0.0; 2],
-        capacity_ml_bar: [0.0; 2],
-        displacement_ml_rad: [0.0; 2],
-        stored_slope_ml_rad: [0.0; 2],
-        actuator_torque_nm: 0.0,
-        shut_off,
-    };
+    let mut h = HydraulicPort::at(1.0, gauge_bar.map(|p| AMBIENT_BAR + p));
     form.act_value(k, x, dx, &mut Port::Hydraulic(&mut h));
     h
+}
+
+/// A free lever at rest in the middle between chambers at these pressures, bar absolute.
+fn still(pressure_bar: [f64; 2]) -> Rest<'static, f64> {
+    let (angle_rad, actuator_torque_nm, torque_nm, voltage_v) = (0.0, 0.0, 0.0, 0.0);
+    Rest { arrival: Arrival::Free, angle_rad, pressure_bar, actuator_torque_nm, torque_nm, voltage_v, brake_open: true }
 }
 
 #[test]
@@ -83,15 +59,7 @@ fn hysteresis_saturates_at_its_size_and_rests_where_the_way_there_left_it() {
             assert_eq!(dx, [0.0], "nothing relaxes while the lever stands");
         }
     }
-    let rest = Rest {
-        arrival: Arrival::Led(&way),
-        angle_rad: 0.25,
-        pressure_bar: [2.0; 2],
-        actuator_torque_nm: 0.0,
-        torque_nm: 0.0,
-        voltage_v: 0.0,
-        brake_open: true,
-    };
+    let rest = Rest { arrival: Arrival::Led(&way), angle_rad: 0.25, ..still([2.0; 2]) };
     let mut led = [7.0];
     BoucWen.rest(&k, &rest, &mut led);
     assert!((led[0] - x[0]).abs() < 0.01, "{led:?} for {x:?}");
@@ -130,15 +98,7 @@ fn a_buffer_has_its_stiffness_at_contact_and_twice_of_it_ln_2_deeper() {
 fn creep_s_branches_take_the_whole_capacity_and_rest_is_at_equilibrium() {
     alike(BRANCHES.iter().map(|(share, _)| share).sum(), 1.0);
     let (k, gauge, step) = ([0.3, 0.4], [2.0, 0.5], 1e-2);
-    let rest = Rest {
-        arrival: Arrival::Free,
-        angle_rad: 0.0,
-        pressure_bar: gauge.map(|g| AMBIENT_BAR + g),
-        actuator_torque_nm: 0.0,
-        torque_nm: 0.0,
-        voltage_v: 0.0,
-        brake_open: true,
-    };
+    let rest = still(gauge.map(|g| AMBIENT_BAR + g));
     let (mut x, mut dx, mut taken) = ([0.0; 6], [0.0; 6], [0.0; 2]);
     for _ in 0..10_000 {
         let into = chambers(&WallCreepThreeTimes, &k, gauge, &x, &mut dx).flow_ml_s;
@@ -175,7 +135,9 @@ fn leaks_lose_no_oil_between_chambers_and_none_at_ambient_pressure() {
     let [out, into] = chambers(&CrossLeakageGap, &[0.3], [2.0, 1.0], &[], &mut []).flow_ml_s;
     assert_eq!(out, -into);
     alike(out, -0.3 * gap_and_orifice(1.0, 0.1));
-    assert_eq!(shut(&CrossLeakageGap, &[0.3], [2.0, 1.0], &[], &mut [], true).flow_ml_s, [0.0; 2]);
+    let mut shut = HydraulicPort { shut_off: true, ..HydraulicPort::at(1.0, [3.0, 2.0]) };
+    CrossLeakageGap.act(&[0.3], &[], &mut [], &mut Port::Hydraulic(&mut shut));
+    assert_eq!(shut.flow_ml_s, [0.0; 2]);
     let outside = chambers(&ExternalLeakageGap, &[0.2, 0.1], [2.0, 0.0], &[], &mut []).flow_ml_s;
     alike(outside[0], -0.2 * gap_and_orifice(2.0, 0.5));
     assert_eq!(outside[1], 0.0);
@@ -213,16 +175,7 @@ fn a_lag_of_second_order_starts_level_and_ends_at_the_voltage() {
 #[test]
 fn warming_begins_cold_and_ends_at_its_slip() {
     let slip = |time_s: f64, dp_bar: f64| {
-        let mut line = LinePort {
-            time_s,
-            voltage_v: 12.0,
-            dp_bar,
-            flow_ml_s: 0.0,
-            slip_ml_s_bar: 0.25,
-            drive_ml_s: 7.0,
-            opening: 1.0,
-            open: true,
-        };
+        let mut line = LinePort::open(time_s, 12.0, dp_bar);
         PumpWarmingTwoMasses.act_value(&[0.4, 20.0], &[], &mut [], &mut Port::Line(&mut line));
         -line.flow_ml_s
     };

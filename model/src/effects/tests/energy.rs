@@ -35,18 +35,15 @@ fn drawn(effect: &dyn Effect, k: &[f64], x: &[f64], dx: &mut [f64], path: &Path,
         match port {
             PortKind::Mechanical => {
                 let mut m = MechanicalPort {
-                    time_s: t,
-                    angle_rad,
-                    velocity_rad_s,
                     dp_bar,
                     load_bar: pressure_bar[0] + pressure_bar[1] - 2.0 * AMBIENT_BAR,
-                    ..lever()
+                    ..MechanicalPort::at(t, angle_rad, velocity_rad_s)
                 };
                 effect.act_value(k, x, dx, &mut Port::Mechanical(&mut m));
                 power -= m.torque_nm * velocity_rad_s;
             }
             PortKind::Hydraulic => {
-                let mut h = HydraulicPort { time_s: t, angle_rad, velocity_rad_s, ..chambers(pressure_bar) };
+                let mut h = HydraulicPort { angle_rad, velocity_rad_s, ..HydraulicPort::at(t, pressure_bar) };
                 effect.act_value(k, x, dx, &mut Port::Hydraulic(&mut h));
                 for (i, rate) in [rate1, rate2].into_iter().enumerate() {
                     let taken =
@@ -109,11 +106,11 @@ fn a_passive_effect_draws_energy_on_every_closed_path() {
 fn cross_leakage_keeps_the_oil_and_stops_where_chambers_are_shut_off() {
     let leak = find("cross_leakage").unwrap();
     for pressure in [[1.2, 5.0], [5.0, 1.2], [3.0, 3.0]] {
-        let mut h = chambers(pressure);
+        let mut h = HydraulicPort::at(1.0, pressure);
         leak.act_value(&[0.5, 0.02], &[], &mut [], &mut Port::Hydraulic(&mut h));
         assert_eq!(h.flow_ml_s[0] + h.flow_ml_s[1], 0.0);
         assert!(h.flow_ml_s[0] * (pressure[1] - pressure[0]) >= 0.0, "oil goes to the lower pressure");
-        let mut h = HydraulicPort { shut_off: true, ..chambers(pressure) };
+        let mut h = HydraulicPort { shut_off: true, ..HydraulicPort::at(1.0, pressure) };
         leak.act_value(&[0.5, 0.02], &[], &mut [], &mut Port::Hydraulic(&mut h));
         assert_eq!(h.flow_ml_s, [0.0; 2]);
     }
@@ -128,7 +125,7 @@ fn wall_creep_returns_all_its_oil() {
     let mut most: f64 = 0.0;
     for i in 0..20_000 {
         let raised = if i < 1500 { 3.0 } else { 0.0 };
-        let mut h = chambers([2.0 + raised, 2.0]);
+        let mut h = HydraulicPort::at(1.0, [2.0 + raised, 2.0]);
         let mut dx = [0.0; 2];
         creep.act_value(&k, &x, &mut dx, &mut Port::Hydraulic(&mut h));
         for c in 0..2 {

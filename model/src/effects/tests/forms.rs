@@ -51,14 +51,14 @@ fn general(id: &str) -> &'static dyn Effect {
 
 /// Torque on the lever, Nm.
 fn torque(id: &str, k: &[f64], angle_rad: f64, velocity_rad_s: f64) -> f64 {
-    let mut m = MechanicalPort { angle_rad, velocity_rad_s, ..lever() };
+    let mut m = MechanicalPort::at(1.0, angle_rad, velocity_rad_s);
     general(id).act_value(k, &[], &mut [], &mut Port::Mechanical(&mut m));
     m.torque_nm
 }
 
 /// Flow into each chamber, ml/s, at these gauge pressures; `dx` gets the rates of the effect's states `x`.
 fn flow(id: &str, k: &[f64], gauge_bar: [f64; 2], x: &[f64], dx: &mut [f64]) -> [f64; 2] {
-    let mut h = chambers(gauge_bar.map(|p| AMBIENT_BAR + p));
+    let mut h = HydraulicPort::at(1.0, gauge_bar.map(|p| AMBIENT_BAR + p));
     general(id).act_value(k, x, dx, &mut Port::Hydraulic(&mut h));
     h.flow_ml_s
 }
