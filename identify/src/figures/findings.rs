@@ -128,7 +128,11 @@ fn contradicted(subject: &Subject) -> Option<String> {
 
 pub(super) fn tables(subject: &Subject) -> Vec<Table> {
     let Some(d) = subject.diagnosis else { return Vec::new() };
-    vec![effects(d), candidates(d)]
+    let mut tables = vec![effects(d)];
+    if !d.ranking.is_empty() {
+        tables.push(candidates(d));
+    }
+    tables
 }
 
 fn effects(d: &Diagnosis) -> Table {
