@@ -145,19 +145,28 @@ impl ValidatedRun {
             .collect()
     }
 
-    /// What to say where a simulation failed.
+    /// What to say where a simulation failed, with the error of the other one where that came to its end.
     pub fn failure(&self) -> Option<String> {
-        let say = |which: &str, error: &SimulationError| {
-            format!(
-                "{}: the free run with {which} ended {error}; the run is left out of the validation",
-                self.prepared.file
-            )
+        let (reference, added) = ("the reference model", "the model with what was added");
+        let (failed, error, other) = match (&self.before, &self.after) {
+            (Err(error), Some(Ok(after))) => (reference, error, Some((added, after))),
+            (Err(error), _) => (reference, error, None),
+            (Ok(before), Some(Err(error))) => (added, error, Some((reference, before))),
+            (Ok(_), _) => return None,
         };
-        match (&self.before, &self.after) {
-            (Err(error), _) => Some(say("the reference model", error)),
-            (_, Some(Err(error))) => Some(say("the model with what was added", error)),
-            _ => None,
+        let file = &self.prepared.file;
+        let mut text =
+            format!("{file}: the free run with {failed} ended {error}; the run is left out of the validation");
+        if let Some((other, (channel, floors))) = other.and_then(|(name, s)| Some((name, self.largest_error(s)?))) {
+            text += &format!("; with {other} its largest error is {floors:.2} noise floors, of {}", channel.column());
         }
+        Some(text)
+    }
+
+    /// The channel whose error is largest in noise floors, with that.
+    fn largest_error(&self, simulated: &Simulated) -> Option<(Channel, f64)> {
+        let floors = simulated.scores.iter().map(|s| (s.channel, s.rmse / self.noise_floor[s.channel.index()]));
+        floors.filter(|(_, f)| f.is_finite()).max_by(|a, b| a.1.total_cmp(&b.1))
     }
 }
 

@@ -73,9 +73,16 @@ fn a_run_that_can_t_be_simulated_is_named_and_spoils_no_other() {
     let prepared = prepare_validation(&loaded).unwrap();
     let found = validate(&loaded, prepared, &fit_at(&truth, &[]), Some(&fit_at(&violent, &[])));
     let failure = found[0].failure().expect("a hundredfold pump empties a chamber");
-    for word in ["moved.csv", "pressure", "left out"] {
+    for word in ["moved.csv", "model with what was added ended", "pressure", "left out", "with the reference model its"]
+    {
         assert!(failure.contains(word), "{failure}");
     }
+    let other_way =
+        validate(&loaded, prepare_validation(&loaded).unwrap(), &fit_at(&violent, &[]), Some(&fit_at(&truth, &[])));
+    let failure = other_way[0].failure().unwrap();
+    let (_, floors) = failure.split_once("with the model with what was added its largest error is ").expect(&failure);
+    let floors: f64 = floors.split_whitespace().next().unwrap().parse().unwrap();
+    assert!((0.9..1.1).contains(&floors), "the true model leaves the noise: {failure}");
     assert!(found[0].compared().is_empty());
     assert_eq!(found[1].failure(), None);
     assert_eq!(found[1].compared().len(), 3);

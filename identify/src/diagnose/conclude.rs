@@ -199,8 +199,8 @@ impl Leaves {
     /// Either what they leave is noise. Or the last of them explains the overwhelming share of what was there before it, or
     /// together they leave no substantial part of the whole, and every run asks for the same size of it: then the rest is a matter of
     /// form, for another effect never has the form of an error exactly. A second name does a substantial part of the whole, or nearly all
-    /// that was left, down to noise. Names that each explain part of a misfit which stays are none. How much two
-    /// names leave in noise floors says nothing: on measured data (EMPS) what is known of a machine leaves three, and imitations leave less.
+    /// that was left, down to noise. Names that each explain part of a misfit which stays are none. What two names
+    /// leave has no bound in noise floors: on measured data what is known of a machine leaves three (EMPS), imitations leave from one to five.
     fn explained(&self) -> Explains {
         let complete = self.largest < CONSISTENT && self.share >= COMPLETE;
         let substantial = self.first || self.of_whole >= SUBSTANTIAL || complete;
