@@ -152,7 +152,8 @@ fn over_a_bad_network_gaps_are_certified_and_an_emergency_stop_crosses() {
     let (code, said) = recorder.end();
     let (crossed, certificate) = compare(&own, &far);
     assert_eq!(code, 6, "{said}");
-    assert!(certificate.end_seen && !certificate.gaps.is_empty(), "{certificate}");
+    eprintln!("{}", connect.so_far());
+    assert!(certificate.end_seen && !certificate.gaps.is_empty(), "{certificate}; {}", connect.so_far());
     assert!(crossed.len() > 3_000, "most of what was sent before crossed: {certificate}");
     let (passed, dropped) = network.counts();
     eprintln!("{certificate}; of {} packets {dropped} were lost", passed + dropped);

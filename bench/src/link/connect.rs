@@ -1,19 +1,19 @@
 //! The other end: puts what comes from the rig's machine into this machine's shared memory, under an instance's name of its own, and
 //! passes this machine's commands to the rig's end.
 
+use super::line::{Incoming, Line};
 use super::message::{Asked, Said};
 use super::passage::{Crossed, Passage};
-use super::{State, VERSION, broken, key, session};
+use super::{State, VERSION, broken, key};
 use crate::failure::{Failure, Kind};
 use recordings::carried;
 use rt_core::announce::Announcer;
 use rt_core::{Answer, CommandServer, LinkError, Refusal, Relay, RunCommand, Sample};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::time::{Duration, Instant};
-use zenoh::bytes::ZBytes;
+use zenoh::Wait;
 use zenoh::qos::Priority;
-use zenoh::{Session, Wait};
 
 /// Messages that may wait until this end has done what takes longer; more are dropped, and show as a gap.
 const WAITING: usize = 1024;
@@ -21,8 +21,8 @@ const WAITING: usize = 1024;
 const LOOK: Duration = Duration::from_millis(100);
 /// Without any sign of life for so long, that is said.
 const QUIET: Duration = Duration::from_secs(1);
-/// Without any for so long, nothing is published here any more: a recording of this machine is closed with what it has. TCP sends what was lost again after
-/// 0.2, 0.6, 1.4, 3 and 6.2 s: a cut of two seconds and another loss behind it are not the end.
+/// Without any for so long, nothing is published here any more: a recording of this machine is closed with what it has. A line that is opened anew takes
+/// a second where its first packet is lost: a cut of two seconds and some losses behind it are not the end.
 const GONE: Duration = Duration::from_secs(8);
 /// A query for what a run is takes so long at most; its samples wait meanwhile.
 const SETUP_PATIENCE: Duration = Duration::from_secs(3);
@@ -42,12 +42,6 @@ pub struct Settings {
     pub instance: String,
 }
 
-/// What comes from the network.
-enum Incoming {
-    Samples(ZBytes),
-    State(ZBytes),
-}
-
 /// Carries until `end` is set.
 ///
 /// # Errors
@@ -57,10 +51,8 @@ pub fn connect(settings: &Settings, end: &AtomicBool, say: &(dyn Fn(&str) + Sync
     // Whether the name is free shows now, and not when the rig begins.
     let relay = Relay::open(&settings.instance).map_err(link)?;
     let announcer = Announcer::start(&settings.instance).map_err(link)?;
-    let session = session(&[], std::slice::from_ref(&settings.address))?;
     let (sender, incoming) = sync_channel(WAITING);
-    let _samples = listen(&session, &settings.remote, "sample", sender.clone(), Incoming::Samples)?;
-    let _states = listen(&session, &settings.remote, "state", sender, Incoming::State)?;
+    let line = Line::open(&settings.address, &settings.remote, sender)?;
     say(&format!(
         "waiting for {} ({:?}); it is instance {:?} here",
         settings.address, settings.remote, settings.instance
@@ -68,11 +60,11 @@ pub fn connect(settings: &Settings, end: &AtomicBool, say: &(dyn Fn(&str) + Sync
 
     let over = AtomicBool::new(false);
     std::thread::scope(|scope| {
-        scope.spawn(|| pass_commands(settings, &session, &over, say));
+        scope.spawn(|| pass_commands(settings, &line, &over, say));
         let (relay, now) = (Some(relay), Instant::now());
         let mut arrival = Arrival {
             settings,
-            session: &session,
+            line: &line,
             say,
             relay,
             announcer,
@@ -87,29 +79,13 @@ pub fn connect(settings: &Settings, end: &AtomicBool, say: &(dyn Fn(&str) + Sync
         over.store(true, Ordering::Relaxed);
         outcome
     })?;
-    session.close().wait().map_err(|e| broken("closing", &e))
-}
-
-/// Hands what is published under a key to the channel; what finds no room there is dropped.
-fn listen(
-    session: &Session,
-    remote: &str,
-    part: &str,
-    sender: SyncSender<Incoming>,
-    wrap: fn(ZBytes) -> Incoming,
-) -> Result<zenoh::pubsub::Subscriber<()>, Failure> {
-    let take = move |sample: zenoh::sample::Sample| {
-        if let Err(TrySendError::Full(_)) = sender.try_send(wrap(sample.payload().clone())) {
-            tracing::debug!("what came over the link was dropped: this machine is too slow");
-        }
-    };
-    session.declare_subscriber(key(remote, part)).callback(take).wait().map_err(|e| broken("subscribing", &e))
+    line.close()
 }
 
 /// What arrives, and what became of it.
 struct Arrival<'a> {
     settings: &'a Settings,
-    session: &'a Session,
+    line: &'a Line<'a>,
     say: &'a (dyn Fn(&str) + Sync),
     /// `None`: nothing comes, and nobody publishes here.
     relay: Option<Relay>,
@@ -139,10 +115,10 @@ impl Arrival<'_> {
                     self.alive()?;
                     self.state(&bytes.to_bytes(), first)?;
                 }
-                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Timeout) => self.silence()?,
                 Err(RecvTimeoutError::Disconnected) => return Err(broken("receiving", &"the session has ended")),
             }
-            self.watch();
+            self.tell();
         }
         self.certify();
         Ok(())
@@ -238,8 +214,13 @@ impl Arrival<'_> {
     /// What the run is, in the rig's own words.
     fn setup(&self, run: u32) -> Result<Option<Vec<u8>>, Failure> {
         let selector = format!("{}?run={run}", key(&self.settings.remote, "setup"));
-        let replies =
-            self.session.get(selector).timeout(SETUP_PATIENCE).wait().map_err(|e| broken("asking for a setup", &e))?;
+        let replies = self
+            .line
+            .session()
+            .get(selector)
+            .timeout(SETUP_PATIENCE)
+            .wait()
+            .map_err(|e| broken("asking for a setup", &e))?;
         while let Ok(reply) = replies.recv() {
             if let Ok(sample) = reply.result() {
                 return Ok(Some(sample.payload().to_bytes().into_owned()));
@@ -248,14 +229,19 @@ impl Arrival<'_> {
         Ok(None)
     }
 
-    /// Says what was lost, and whether anybody is there.
-    fn watch(&mut self) {
+    /// Says what was lost.
+    fn tell(&mut self) {
         if self.lost > 0 && self.told.elapsed() >= TELL_EVERY {
             (self.say)(&format!("{} samples did not cross; who records here sees the gap", self.lost));
             self.lost = 0;
             self.told = Instant::now();
         }
-        let Some(silent) = self.heard.map(|at| at.elapsed()) else { return };
+    }
+
+    /// Nothing waits to be taken: sees whether anybody is there, and says it.
+    fn silence(&mut self) -> Result<(), Failure> {
+        self.line.keep(self.heard)?;
+        let Some(silent) = self.heard.map(|at| at.elapsed()) else { return Ok(()) };
         if silent >= QUIET && !self.quiet {
             self.quiet = true;
             (self.say)(&format!("no sign of life from {} for {:.1} s", self.settings.address, silent.as_secs_f64()));
@@ -269,6 +255,7 @@ impl Arrival<'_> {
             ));
             self.certify();
         }
+        Ok(())
     }
 
     /// Says of each run that has ended how much of it crossed.
@@ -281,10 +268,10 @@ impl Arrival<'_> {
 }
 
 /// Passes this machine's commands on until it is over. The port belongs to the thread that opens it.
-fn pass_commands(settings: &Settings, session: &Session, over: &AtomicBool, say: &(dyn Fn(&str) + Sync)) {
+fn pass_commands(settings: &Settings, line: &Line, over: &AtomicBool, say: &(dyn Fn(&str) + Sync)) {
     let served = CommandServer::open(&settings.instance).and_then(|mut server| {
         while !over.load(Ordering::Relaxed) {
-            server.pass_on(Duration::from_millis(50), &mut |command| ask(settings, session, command))?;
+            server.pass_on(Duration::from_millis(50), &mut |command| ask(settings, line, command))?;
         }
         Ok(())
     });
@@ -294,9 +281,10 @@ fn pass_commands(settings: &Settings, session: &Session, over: &AtomicBool, say:
 }
 
 /// Asks the rig's end and waits for its answer.
-fn ask(settings: &Settings, session: &Session, command: RunCommand) -> Answer {
+fn ask(settings: &Settings, line: &Line, command: RunCommand) -> Answer {
     let unreachable = || Answer { taken: Err(Refusal::Unreachable), open: None, text: String::new() };
     let Ok(text) = serde_json::to_vec(&Asked::from(command)) else { return unreachable() };
+    let session = line.session();
     let query = session.get(key(&settings.remote, "command")).payload(text).priority(Priority::RealTime);
     let Ok(replies) = query.timeout(COMMAND_PATIENCE).wait() else { return unreachable() };
     while let Ok(reply) = replies.recv() {

@@ -3,7 +3,7 @@
 //!
 //! | key | pattern | carries |
 //! |---|---|---|
-//! | `rec-bench/<instance>/sample` | put | samples of some 10 ms: [`recordings::carry`] |
+//! | `rec-bench/<instance>/sample` | put | samples of some 10 ms: [`recordings::carry`]; a run's last one for some seconds again and again |
 //! | `rec-bench/<instance>/state` | put, five times a second | [`State`]: the sign of life |
 //! | `rec-bench/<instance>/setup?run=N` | query | what run N is, as [`rt_core::announce`] has it |
 //! | `rec-bench/<instance>/command` | query | [`message::Asked`], answered by [`message::Said`] |
@@ -12,6 +12,7 @@
 //! numbers.
 
 pub mod connect;
+mod line;
 pub mod message;
 pub mod passage;
 pub mod serve;
@@ -29,7 +30,7 @@ pub const VERSION: u32 = 1;
 /// What the operating system may hold back of what was sent, bytes: about a third of a second of samples. More would make a slow network
 /// show the past instead of gaps.
 const SOCKET_BYTES: u32 = 65_536;
-/// A link whose other end has been silent for so long is closed and opened again, ms.
+/// A connection whose other end has been silent for so long is closed, ms.
 const LEASE_MS: u32 = 3_000;
 
 /// What the rig's end says of itself.

@@ -9,7 +9,8 @@ pub enum Crossed {
     Begins,
     /// The next one, or one after a gap of so many samples.
     Follows(u64),
-    /// One that was there already, or that newer ones overtook.
+    /// One that was there already, or that newer ones overtook; or the last one of a run of which nothing else crossed: it is told again and again,
+    /// and is nothing that anybody could watch.
     Late,
 }
 
@@ -43,6 +44,7 @@ impl Passage {
                 open.next_sequence = sequence + 1;
                 Crossed::Follows(gap)
             }
+            _ if sample.last() && sequence > 0 => return Crossed::Late,
             _ => {
                 self.open = Some(Run { run: sample.run, began_ns, next_sequence: sequence + 1 });
                 self.origin += 1;
@@ -97,6 +99,22 @@ mod tests {
         let certificate = passage.certificate().expect("the run has ended");
         assert_eq!(certificate.gaps, [(0, 3), (6, 8)]);
         assert_eq!((certificate.received, certificate.expected), (4, 11));
+    }
+
+    #[test]
+    fn an_end_that_is_told_again_ends_what_is_open_and_nothing_else() {
+        let mut passage = Passage::default();
+        let last = Sample { flags: flags::LAST, ..sample(0, 10, 1) };
+        assert_eq!(passage.take(&last), Crossed::Late, "who comes after the run sees none");
+        passage.take(&sample(0, 4, 1));
+        assert_eq!(passage.take(&last), Crossed::Follows(5));
+        assert_eq!(passage.take(&last), Crossed::Late);
+        assert!(passage.certificate().expect("it has ended").end_seen);
+        passage.cut();
+        assert_eq!(passage.take(&last), Crossed::Late);
+        assert!(passage.certificate().is_none());
+        let whole = Sample { flags: flags::LAST, ..sample(1, 0, 1) };
+        assert_eq!(passage.take(&whole), Crossed::Begins, "a run of one sample");
     }
 
     #[test]

@@ -25,6 +25,9 @@ const MOST_TOGETHER: usize = 32;
 const SIGN: Duration = Duration::from_millis(200);
 /// The run answers within a tick, a confirmation within two seconds.
 const PATIENCE: Duration = Duration::from_millis(2500);
+/// A run's last sample goes along with each sign of life for so long, in case it did not cross: without it nobody over there knows that the run has ended.
+/// Longer than the other end waits before it closes what it publishes.
+const END_TOLD: Duration = Duration::from_secs(10);
 /// Runs whose setup is remembered.
 const SETUPS_KEPT: usize = 8;
 
@@ -91,30 +94,31 @@ pub fn serve(settings: &Settings, end: &AtomicBool, say: &(dyn Fn(&str) + Sync))
 struct Sender<'s> {
     settings: &'s Settings,
     samples: Publisher<'s>,
-    /// The same way for a run's last sample, which must not be dropped: without it nobody over there knows that the run has ended.
-    last_samples: Publisher<'s>,
     states: Publisher<'s>,
     setups: Setups,
     sent: u64,
     missed: u64,
+    /// The last sample of the run that has ended, and since when it has.
+    ended: Option<(Vec<u8>, Instant)>,
 }
 
 impl<'s> Sender<'s> {
     fn new(settings: &'s Settings, session: &'s Session, setups: Setups) -> Result<Self, Failure> {
-        let publisher = |part: &str, congestion, priority| {
+        // What blocks would keep signs of life back.
+        let publisher = |part: &str, priority| {
             let publisher = session.declare_publisher(key(&settings.instance, part));
-            let publisher = publisher.congestion_control(congestion).priority(priority).express(true).wait();
-            publisher.map_err(|e| broken("publishing", &e))
+            let publisher = publisher.congestion_control(CongestionControl::Drop).priority(priority).express(true);
+            publisher.wait().map_err(|e| broken("publishing", &e))
         };
         Ok(Sender {
             settings,
-            samples: publisher("sample", CongestionControl::Drop, Priority::Data)?,
-            last_samples: publisher("sample", CongestionControl::Block, Priority::Data)?,
+            samples: publisher("sample", Priority::Data)?,
             // Before the samples: a full network is not taken for a dead one.
-            states: publisher("state", CongestionControl::Drop, Priority::InteractiveHigh)?,
+            states: publisher("state", Priority::InteractiveHigh)?,
             setups,
             sent: 0,
             missed: 0,
+            ended: None,
         })
     }
 
@@ -146,6 +150,7 @@ impl<'s> Sender<'s> {
             if signed.is_none_or(|at| at.elapsed() >= SIGN) {
                 signed = Some(Instant::now());
                 self.sign()?;
+                self.tell_end()?;
             }
         }
         Ok(())
@@ -165,12 +170,20 @@ impl<'s> Sender<'s> {
 
     /// Hands samples to the network, or drops them where it has no room.
     fn send(&mut self, together: &[Sample]) -> Result<(), Failure> {
+        self.sent += together.len() as u64;
+        self.ended = together.last().filter(|sample| sample.last()).map(|last| (carried_alone(last), Instant::now()));
         let mut bytes = Vec::new();
         together.iter().for_each(|sample| carry(sample, &mut bytes));
-        let last = together.iter().any(Sample::last);
-        let publisher = if last { &self.last_samples } else { &self.samples };
-        self.sent += together.len() as u64;
-        publisher.put(bytes).wait().map_err(|e| broken("sending samples", &e))
+        self.samples.put(bytes).wait().map_err(|e| broken("sending samples", &e))
+    }
+
+    fn tell_end(&self) -> Result<(), Failure> {
+        match &self.ended {
+            Some((last, since)) if since.elapsed() < END_TOLD => {
+                self.samples.put(last.as_slice()).wait().map_err(|e| broken("sending samples", &e))
+            }
+            _ => Ok(()),
+        }
     }
 
     fn sign(&self) -> Result<(), Failure> {
@@ -178,6 +191,12 @@ impl<'s> Sender<'s> {
         let text = serde_json::to_vec(&state).map_err(|e| Failure::of(Kind::Internal, &e))?;
         self.states.put(text).wait().map_err(|e| broken("sending a sign of life", &e))
     }
+}
+
+fn carried_alone(sample: &Sample) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    carry(sample, &mut bytes);
+    bytes
 }
 
 /// Answers with what the run is that is asked for; says nothing of one that it does not know.

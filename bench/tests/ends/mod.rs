@@ -47,6 +47,14 @@ impl Running {
         }
     }
 
+    /// What it has said by now.
+    pub fn so_far(&mut self) -> &str {
+        while let Ok(line) = self.lines.try_recv() {
+            self.said = format!("{}{line}\n", self.said);
+        }
+        &self.said
+    }
+
     /// `ip netns exec` becomes the program that it starts: the signal is for that one.
     pub fn interrupt(&self) {
         let id = i32::try_from(self.child.id()).expect("a process number");
