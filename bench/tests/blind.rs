@@ -54,6 +54,16 @@ fn a_case_is_diagnosed_opened_and_not_done_twice() {
     assert_eq!(fs::read(&out).unwrap(), before);
     let table = |said: &str| said[said.find("\ncases ").unwrap()..].to_owned();
     assert_eq!(table(&said), table(&text(&again.stdout)));
+
+    // as has a machine that is given the file of the one that did it
+    let elsewhere = dir.path().join("elsewhere.json");
+    let shared =
+        ["--seed", SEED, "--cases", "1", "--with", out.to_str().unwrap(), "--out", elsewhere.to_str().unwrap()];
+    let shared = blind(&shared);
+    assert!(text(&shared.stderr).contains("1 of 1 cases are there already"), "{}", text(&shared.stderr));
+    assert_eq!(table(&said), table(&text(&shared.stdout)));
+    let counted: Value = serde_json::from_str(&fs::read_to_string(&elsewhere).unwrap()).unwrap();
+    assert_eq!(counted["cases"], written["cases"], "what was counted is in the file");
 }
 
 #[test]
@@ -68,8 +78,10 @@ fn what_does_not_fit_is_said_before_anything_is_drawn() {
     };
     refused(&["--only", "several"], &["several", "outside"]);
     refused(&["--cases", "0"], &["0"]);
+    refused(&["--cases", "20", "--from", "20"], &["--from 20", "--cases 20"]);
+    refused(&["--with", "nowhere.json"], &["nowhere.json", "No such file"]);
     fs::write(&out, r#"{"format": 1, "seed": "7", "cases": []}"#).unwrap();
-    refused(&["--seed", "8", "--out", out.to_str().unwrap()], &["seed 8", "seed 7", "--out"]);
+    refused(&["--seed", "8", "--out", out.to_str().unwrap()], &["seed 8", "seed 7", "another file"]);
     fs::write(&out, "{}").unwrap();
     refused(&["--seed", "8", "--out", out.to_str().unwrap()], &["blind.json", "a file that is none"]);
 }

@@ -34,28 +34,17 @@ struct Whole<'a> {
 }
 
 impl Store {
-    /// What is in the file already, if there is one.
+    /// What is in the file already, if there is one, and what other machines found.
     ///
     /// # Errors
-    /// The file is none of these, or one of another seed (2).
-    pub fn open(file: Option<&Path>, seed: u64) -> Result<Store, Failure> {
-        let mut store = Store { file: file.map(Path::to_owned), seed, cases: BTreeMap::new() };
-        let Some(path) = file.filter(|f| f.exists()) else { return Ok(store) };
-        let refused = |what: String| {
-            let message = format!("{}: {what}; name another file with --out, or remove this one", path.display());
-            Failure::new(Kind::Input, message)
-        };
-        let text = std::fs::read_to_string(path).map_err(|e| refused(format!("expected to read it, got \"{e}\"")))?;
-        let written: Written = serde_json::from_str(&text)
-            .map_err(|e| refused(format!("expected the results of a blind run, got a file that is none ({e})")))?;
-        if written.format != FORMAT {
-            return Err(refused(format!("expected format {FORMAT}, got {}", written.format)));
+    /// One of them is none of these, or one of another seed, or one of `others` is not there (2).
+    pub fn open(file: Option<&Path>, others: &[PathBuf], seed: u64) -> Result<Store, Failure> {
+        let own = file.filter(|f| f.exists());
+        let mut cases = BTreeMap::new();
+        for path in others.iter().map(PathBuf::as_path).chain(own) {
+            cases.extend(read(path, seed)?.into_iter().map(|c| (c.case, c)));
         }
-        if written.seed != seed.to_string() {
-            return Err(refused(format!("expected results of seed {seed}, got those of seed {}", written.seed)));
-        }
-        store.cases = written.cases.into_iter().map(|c| (c.case, c)).collect();
-        Ok(store)
+        Ok(Store { file: file.map(Path::to_owned), seed, cases })
     }
 
     /// The case of this number is there.
@@ -69,6 +58,14 @@ impl Store {
     /// The system refuses.
     pub fn add(&mut self, case: Case) -> Result<(), Failure> {
         self.cases.insert(case.case, case);
+        self.write()
+    }
+
+    /// Writes the file, where there is to be one: with what other machines found.
+    ///
+    /// # Errors
+    /// The system refuses.
+    pub fn write(&self) -> Result<(), Failure> {
         let Some(file) = &self.file else { return Ok(()) };
         let cases = self.cases();
         let whole = Whole {
@@ -85,4 +82,20 @@ impl Store {
     pub fn cases(&self) -> Vec<Case> {
         self.cases.values().cloned().collect()
     }
+}
+
+fn read(path: &Path, seed: u64) -> Result<Vec<Case>, Failure> {
+    let refused = |what: String| {
+        Failure::new(Kind::Input, format!("{}: {what}; name another file, or remove this one", path.display()))
+    };
+    let text = std::fs::read_to_string(path).map_err(|e| refused(format!("expected to read it, got \"{e}\"")))?;
+    let written: Written = serde_json::from_str(&text)
+        .map_err(|e| refused(format!("expected the results of a blind run, got a file that is none ({e})")))?;
+    if written.format != FORMAT {
+        return Err(refused(format!("expected format {FORMAT}, got {}", written.format)));
+    }
+    if written.seed != seed.to_string() {
+        return Err(refused(format!("expected results of seed {seed}, got those of seed {}", written.seed)));
+    }
+    Ok(written.cases)
 }

@@ -1,4 +1,5 @@
-//! `bench blind --cases N --seed S [--jobs J] [--out FILE.json] [--keep DIR] [--only KIND] [--case K]`
+//! `bench blind --cases N --seed S [--jobs J] [--out FILE.json] [--keep DIR] [--only KIND] [--case K | --from K]
+//! [--with FILE.json ...]`
 
 use super::results::aligned;
 use crate::blind::plan::{Kind, plan};
@@ -33,16 +34,19 @@ pub struct Args {
     #[arg(long, value_name = "KIND")]
     only: Option<Kind>,
     /// Only the case of this number
-    #[arg(long, value_name = "K")]
+    #[arg(long, value_name = "K", conflicts_with = "from")]
     case: Option<usize>,
+    /// First case: those before it are another machine's
+    #[arg(long, value_name = "K", default_value_t = 0)]
+    from: usize,
+    /// What another machine found of the same seed (its --out); counted as well, and not done again
+    #[arg(long = "with", value_name = "FILE.json")]
+    others: Vec<PathBuf>,
 }
 
 pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
-    let wanted: Vec<usize> = match args.case {
-        Some(case) => vec![case],
-        None => (0..args.cases as usize).filter(|c| args.only.is_none_or(|k| plan(args.seed, *c).kind == k)).collect(),
-    };
-    let store = Store::open(args.out.as_deref(), args.seed)?;
+    let wanted = wanted(args)?;
+    let store = Store::open(args.out.as_deref(), &args.others, args.seed)?;
     let open: Vec<usize> = wanted.iter().copied().filter(|c| !store.holds(*c)).collect();
     if open.len() < wanted.len() {
         progress.say(&format!("{} of {} cases are there already", wanted.len() - open.len(), wanted.len()));
@@ -69,7 +73,11 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     })?;
     step.finish();
 
-    let cases = store.into_inner().map_err(|_| defect())?.cases();
+    let store = store.into_inner().map_err(|_| defect())?;
+    if open.is_empty() && !args.others.is_empty() {
+        store.write()?;
+    }
+    let cases = store.cases();
     let cases: Vec<_> = cases.into_iter().filter(|c| wanted.contains(&c.case)).collect();
     progress.result("");
     aligned(&confusion(&cases)).iter().for_each(|line| progress.result(line));
@@ -78,6 +86,22 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     targets.iter().for_each(|target| progress.result(&target.line()));
     progress.result(&format!("{:44} {}", "parameters: 95 % interval holds the truth", covered(&cases)));
     judge(&targets, args.case.is_some())
+}
+
+/// Numbers of the cases that are asked for, in order.
+///
+/// # Errors
+/// There is none (2).
+fn wanted(args: &Args) -> Result<Vec<usize>, Failure> {
+    if let Some(case) = args.case {
+        return Ok(vec![case]);
+    }
+    let cases = args.cases as usize;
+    if args.from >= cases {
+        let message = format!("--from {}: expected the number of a case below --cases {cases}", args.from);
+        return Err(Failure::new(failure::Kind::Input, message));
+    }
+    Ok((args.from..cases).filter(|c| args.only.is_none_or(|k| plan(args.seed, *c).kind == k)).collect())
 }
 
 /// A single case is looked at, not counted.
