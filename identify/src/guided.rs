@@ -9,6 +9,7 @@ use crate::fit::{Effort, Fit, fit};
 use crate::guide::Guide;
 use crate::layout::Layout;
 use crate::problem::{Point, Problem};
+use crate::score::Scene;
 
 /// A model fitted where its simulation follows what was measured.
 pub struct Guided {
@@ -29,7 +30,9 @@ const LEAD: Effort = Effort { iterations: 30, tolerance: 1e-3, promise: f64::INF
 const FEW: Effort = Effort { iterations: 8, ..LEAD };
 /// Sizes of an effect's starts that are tried, for a gross effect the usual ones and more.
 const SIZES: [f64; 3] = [1.0, 0.3, 3.0];
-/// An effect that takes away less than this share of the cost under the tightest guide is not what is missing, and is not led: the other starts are as good.
+/// So many of the best starts are followed a few steps, at the fit and at the unbent values.
+const FIRST: [usize; 2] = [2, 1];
+/// An effect that takes away less than this share of what is missing under the tightest guide is not it, and is not led: the other starts are as good.
 pub const LEADS: f64 = 0.1;
 /// An effect that leads is led from at most so many starts more: friction in one form is a false minimum of friction in another.
 const MORE: usize = 5;
@@ -60,7 +63,7 @@ impl Guided {
     pub fn led(&self, effect: &'static dyn Effect) -> Option<Vec<f64>> {
         let tight = self.problems.first()?;
         let (lowest, mut others) =
-            self.first_steps(effect).filter(|(led, _)| led.cost < (1.0 - LEADS) * self.fit.cost)?;
+            self.first_steps(effect).filter(|(led, _)| self.share_of_missing(led.cost) > LEADS)?;
         others.sort_by(|a, b| a.0.total_cmp(&b.0));
         let layout = lowest.layout.clone();
         let more = others.into_iter().take(MORE).filter_map(|(_, point)| fit(tight, &layout, point, FEW).ok());
@@ -70,33 +73,47 @@ impl Guided {
         self.let_go_from(led)
     }
 
-    /// Share of the cost under the tightest guide that a few steps from an effect's best starts take away.
-    pub fn takes_away(&self, effect: &'static dyn Effect) -> f64 {
-        self.first_steps(effect).map_or(0.0, |(led, _)| 1.0 - led.cost / self.fit.cost)
+    /// Share of what is missing under the tightest guide that a fit of this cost takes away.
+    fn share_of_missing(&self, cost: f64) -> f64 {
+        self.tightest().map_or(0.0, |(problem, fit)| taken_away(fit.cost, cost, problem.targets()))
     }
 
-    /// A few steps from the best start at each place, and the other starts with what they cost.
+    /// Share of what is missing under the tightest guide that a few steps from an effect's best starts take away.
+    pub fn takes_away(&self, effect: &'static dyn Effect) -> f64 {
+        self.first_steps(effect).map_or(0.0, |(led, _)| self.share_of_missing(led.cost))
+    }
+
+    /// A few steps from the best starts at each place, and the other starts with what they cost.
     fn first_steps(&self, effect: &'static dyn Effect) -> Option<(Fit, Vec<(f64, Point)>)> {
         let tight = self.problems.first()?;
+        let scene = Scene::new(tight, &self.fit).ok()?;
         let layout = self.fit.layout.with(effect);
-        let mut starts = [&self.fit.point, &self.unbent].map(|place| self.starts(&layout, place, effect));
-        let firsts: Vec<Point> = starts.iter_mut().filter_map(|s| s.pop()).map(|(_, point)| point).collect();
-        let lowest = best(firsts.into_iter().filter_map(|point| fit(tight, &layout, point, FEW).ok()))?;
+        let at_fit = |values: Vec<f64>| scene.taken_back(&layout, &values);
+        let unbent = |values: Vec<f64>| {
+            let mut point = self.unbent.clone();
+            point.theta.extend(values);
+            Some(point)
+        };
+        let mut starts = [self.starts(&layout, effect, at_fit), self.starts(&layout, effect, unbent)];
+        let first = starts.iter_mut().zip(FIRST).flat_map(|(s, n)| s.drain(..n.min(s.len())).collect::<Vec<_>>());
+        let points: Vec<Point> = first.map(|(_, point)| point).collect();
+        let lowest = best(points.into_iter().filter_map(|point| fit(tight, &layout, point, FEW).ok()))?;
         Some((lowest, starts.concat()))
     }
 
-    /// Starts of an effect at a place by what they cost under the tightest guide, the best last.
-    fn starts(&self, layout: &Layout, place: &Point, effect: &'static dyn Effect) -> Vec<(f64, Point)> {
+    /// Starts of an effect, as `place` puts them, by what they cost under the tightest guide, the best first.
+    fn starts(
+        &self,
+        layout: &Layout,
+        effect: &'static dyn Effect,
+        place: impl Fn(Vec<f64>) -> Option<Point>,
+    ) -> Vec<(f64, Point)> {
         let Some(tight) = self.problems.first() else { return Vec::new() };
         let header = effect.header();
         let each = header.starts.iter().flat_map(|s| SIZES.map(|size| header.scaled(s, size)));
-        let costly = each.map(|values| {
-            let mut point = place.clone();
-            point.theta.extend(values);
-            (tight.cost(layout, &point), point)
-        });
+        let costly = each.filter_map(place).map(|point| (tight.cost(layout, &point), point));
         let mut out: Vec<(f64, Point)> = costly.filter(|(cost, _)| cost.is_finite()).collect();
-        out.sort_by(|a, b| b.0.total_cmp(&a.0));
+        out.sort_by(|a, b| a.0.total_cmp(&b.0));
         out
     }
 
@@ -107,7 +124,28 @@ impl Guided {
     }
 }
 
+/// Share that a cost `after` takes away of what `before` holds beside noise, of which a target costs 1; 0 where nothing but noise is there.
+fn taken_away(before: f64, after: f64, targets: usize) -> f64 {
+    let missing = before - targets as f64;
+    if missing > 0.0 { (before - after) / missing } else { 0.0 }
+}
+
 /// The fit of the lowest cost.
 fn best(fits: impl IntoIterator<Item = Fit>) -> Option<Fit> {
     fits.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_an_effect_takes_away_is_a_share_of_what_noise_does_not_explain() {
+        assert_eq!(taken_away(1200.0, 1100.0, 1000), 0.5);
+        assert_eq!(taken_away(1200.0, 1000.0, 1000), 1.0);
+        let far = taken_away(1e6, 5e5, 1000);
+        assert!((far - 0.5).abs() < 1e-3, "far from the noise a share of the cost: {far}");
+        assert!(taken_away(1200.0, 1300.0, 1000) < 0.0, "a worse fit");
+        assert_eq!(taken_away(990.0, 980.0, 1000), 0.0, "where nothing is missing nothing leads");
+    }
 }

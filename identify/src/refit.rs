@@ -5,7 +5,7 @@ use model::effects::Effect;
 use crate::fit::{Effort, Fit, fit};
 use crate::guided::Guided;
 use crate::problem::{Point, Problem};
-use crate::score::Direction;
+use crate::score::{Direction, Scene};
 
 /// A candidate set of effects, refitted.
 #[derive(Clone)]
@@ -20,8 +20,8 @@ pub struct Refit {
 
 /// Where a refit may start, and on what.
 pub struct Bases<'a> {
-    /// The current fit: the right place for a small effect.
-    pub current: &'a Fit,
+    /// The current fit, linearised: the right place for a small effect, and for one that what was fitted has taken up.
+    pub scene: &'a Scene<'a>,
     /// Base values from the component experiments, in the layout's order: the right place for a gross effect, which bends
     /// the current fit far off.
     pub component: &'a [f64],
@@ -44,34 +44,42 @@ pub fn refit(
     added: &[(&'static dyn Effect, Vec<&Direction>)],
     effort: Effort,
 ) -> Option<Refit> {
-    let mut layout = bases.current.layout.clone();
+    let current = bases.scene.fit;
+    let mut layout = current.layout.clone();
     for (effect, _) in added {
         layout.effects.push(*effect);
     }
     let starts = starts(added);
-    let best_of = |problem: &Problem, from_component: bool, size: f64| {
-        let mut best: Option<(f64, Point)> = None;
-        for start in &starts {
-            let mut point = bases.current.point.clone();
-            if from_component {
-                point.theta[..bases.component.len()].copy_from_slice(bases.component);
-                point.initial.iter_mut().for_each(|values| values.fill(0.0));
-            }
-            point.theta.extend(sized(added, start, size));
-            let cost = problem.cost(&layout, &point);
-            if cost.is_finite() && best.as_ref().is_none_or(|(c, _)| cost < *c) {
-                best = Some((cost, point));
-            }
-        }
-        best
+    let cheapest = |problem: &Problem, points: Vec<Point>| {
+        let costly = points.into_iter().map(|point| (problem.cost(&layout, &point), point));
+        costly.filter(|(cost, _)| cost.is_finite()).min_by(|a, b| a.0.total_cmp(&b.0))
+    };
+    let at_current = |size: f64| {
+        let each = starts.iter().flat_map(|start| {
+            let values = sized(added, start, size);
+            let mut plain = current.point.clone();
+            plain.theta.extend(&values);
+            [Some(plain), bases.scene.taken_back(&layout, &values)]
+        });
+        each.flatten().collect()
+    };
+    let at_component = || {
+        let each = starts.iter().map(|start| {
+            let mut point = current.point.clone();
+            point.theta[..bases.component.len()].copy_from_slice(bases.component);
+            point.initial.iter_mut().for_each(|values| values.fill(0.0));
+            point.theta.extend(start);
+            point
+        });
+        each.collect()
     };
     // a few steps tell which start leads down
     let mut tried: Vec<Fit> = Vec::new();
     // a start at which the effect is far too large leads to a minimum of its own, above the model without it
-    let descends = |(cost, _): &(f64, Point)| *cost < bases.current.cost;
+    let descends = |(cost, _): &(f64, Point)| *cost < current.cost;
     let mut best: Option<(f64, Point)> = None;
     for size in SIZES {
-        let begun = best_of(problem, false, size);
+        let begun = cheapest(problem, at_current(size));
         best = [best, begun].into_iter().flatten().min_by(|a, b| a.0.total_cmp(&b.0));
         if best.as_ref().is_some_and(descends) {
             break;
@@ -88,7 +96,7 @@ pub fn refit(
     if let Some(led) = led {
         tried.extend(fit(problem, &layout, problem.point(led), effort).ok());
     } else if bases.gross
-        && let Some((_, point)) = best_of(bases.short, true, 1.0)
+        && let Some((_, point)) = cheapest(bases.short, at_component())
     {
         let point = fit(bases.short, &layout, point.clone(), LEAD).map_or(point, |f| f.point);
         tried.extend(fit(problem, &layout, point, effort).ok());

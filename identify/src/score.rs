@@ -9,12 +9,15 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use crate::fit::{Fit, covariance};
-use crate::problem::{Normal, Piece, Problem};
+use crate::layout::Layout;
+use crate::predict::Initial;
+use crate::problem::{Normal, Piece, Point, Problem};
 
 /// A model with its residual and derivatives, ready to test candidates against.
 pub struct Scene<'a> {
     problem: &'a Problem,
-    fit: &'a Fit,
+    /// What was linearised.
+    pub fit: &'a Fit,
     pub(crate) pieces: Vec<Piece>,
     pub(crate) normal: Normal,
     inverse: DMatrix<f64>,
@@ -80,11 +83,25 @@ impl<'a> Scene<'a> {
     /// Removes from a vector of targets what parameters and initial values can produce.
     fn orthogonal(&self, mut v: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
         let columns = self.fit.layout.len();
+        let (step, initial) = self.produced_by(&v);
+        for ((p, v), d) in self.pieces.iter().zip(&mut v).zip(&initial) {
+            let all = columns + d.len();
+            for (row, x) in p.slope.chunks(all).zip(v.iter_mut()) {
+                let fitted: f64 = row[..columns].iter().zip(step.iter()).map(|(a, b)| a * b).sum();
+                *x -= row[columns..].iter().zip(d).fold(fitted, |sum, (a, b)| sum + a * b);
+            }
+        }
+        v
+    }
+
+    /// The change of parameters and initial values that comes nearest to a vector of targets.
+    fn produced_by(&self, v: &[Vec<f64>]) -> (DVector<f64>, Vec<Initial>) {
+        let columns = self.fit.layout.len();
         // J'v with the initial values eliminated: the same formula as for the gradient
         let as_pieces: Vec<Vec<f64>> = self
             .pieces
             .iter()
-            .zip(&v)
+            .zip(v)
             .zip(&self.fit.point.initial)
             .map(|((p, v), initial)| {
                 let all = columns + initial.len();
@@ -100,14 +117,30 @@ impl<'a> Scene<'a> {
         let (reduced, inner) = self.normal.reduce(&as_pieces, columns);
         let step = &self.inverse * reduced;
         let initial = self.normal.back(&step, &inner);
-        for ((p, v), d) in self.pieces.iter().zip(&mut v).zip(&initial) {
-            let all = columns + d.len();
-            for (row, x) in p.slope.chunks(all).zip(v.iter_mut()) {
-                let fitted: f64 = row[..columns].iter().zip(step.iter()).map(|(a, b)| a * b).sum();
-                *x -= row[columns..].iter().zip(d).fold(fitted, |sum, (a, b)| sum + a * b);
-            }
+        (step, initial)
+    }
+
+    /// The fit with effects of these values added, and what was fitted moved so that, linearly, it takes back what it can of what they do: where the data
+    /// know the sum alone, an effect comes in at the expense of what had taken it up. `layout`: the fit's with the effects; `None` where they can't be
+    /// simulated.
+    pub fn taken_back(&self, layout: &Layout, values: &[f64]) -> Option<Point> {
+        let mut point = self.fit.point.clone();
+        point.theta.extend_from_slice(values);
+        let (step, initial) = self.produced_by(&self.change(layout, &point)?);
+        for ((value, d), (lower, upper)) in point.theta.iter_mut().zip(step.iter()).zip(layout.bounds()) {
+            *value = (*value - d).clamp(lower, upper);
         }
-        v
+        for (values, d) in point.initial.iter_mut().zip(&initial) {
+            values.iter_mut().zip(d).for_each(|(value, d)| *value -= d);
+        }
+        Some(point)
+    }
+
+    /// By how much the predictions at a point lie above those of the fit, in standard errors.
+    fn change(&self, layout: &Layout, point: &Point) -> Option<Vec<Vec<f64>>> {
+        let with = self.problem.residuals(layout, point).ok()?;
+        let base = self.pieces.iter().map(|p| &p.residual);
+        Some(base.zip(&with).map(|(a, b)| a.iter().zip(b).map(|(a, b)| a - b).collect()).collect())
     }
 
     /// The directions of a candidate; those that can't be simulated or do nothing are left out.
@@ -125,11 +158,7 @@ impl<'a> Scene<'a> {
         let layout = self.fit.layout.with(effect);
         let mut point = self.fit.point.clone();
         point.theta.extend_from_slice(start);
-        let with = self.problem.residuals(&layout, &point).ok()?;
-        let base = self.pieces.iter().map(|p| &p.residual);
-        let secant: Vec<Vec<f64>> =
-            base.zip(&with).map(|(a, b)| a.iter().zip(b).map(|(a, b)| a - b).collect()).collect();
-        self.along(effect, start, secant)
+        self.along(effect, start, self.change(&layout, &point)?)
     }
 
     /// A direction along a given change of the predictions (in standard errors, target by target), orthogonal to everything

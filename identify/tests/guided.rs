@@ -10,6 +10,7 @@ use identify::fit::{Effort, Fit, fit};
 use identify::guide::Guide;
 use identify::guided::Guided;
 use identify::problem::Problem;
+use identify::score::Scene;
 use model::Parameters;
 use model::effects::find;
 
@@ -54,6 +55,28 @@ fn friction_that_a_free_run_can_not_find_is_led_to() {
     let lag = find("pump_lag").unwrap();
     assert!(led.led(lag).is_none());
     assert!(led.takes_away(friction) > 0.5 && led.takes_away(lag) < 0.1);
+}
+
+#[test]
+fn an_effect_comes_in_at_the_expense_of_what_has_taken_it_up() {
+    let truth = Parameters::example();
+    let problem = problem(&[dynamic(&truth, None, 20.0, 7)]);
+    let tight = problem.guided(Guide { lever_s: 0.03, pressure_s: 0.1 }).unwrap();
+    let layout = layout(&truth);
+    let fitted = fit(&tight, &layout, tight.point(layout.vector_of(&truth)), Effort::default()).unwrap();
+    let scene = Scene::new(&tight, &fitted).unwrap();
+    // friction, which the losses of eq. (16) imitate; an offset of an angle, which nothing does
+    for (id, values, most) in [("pressure_friction", [0.02, 0.02].as_slice(), 0.05), ("angle_offset", &[0.5], 1.0)] {
+        let effect = find(id).unwrap();
+        let with = layout.with(effect);
+        let mut plain = fitted.point.clone();
+        plain.theta.extend(values);
+        let taken_back = scene.taken_back(&with, values).unwrap();
+        assert_eq!(taken_back.theta[with.first_of(0)..], *values, "the effect itself stays");
+        let more = |point| tight.cost(&with, point) - fitted.cost;
+        assert!(more(&plain) > 100.0, "{id}: {}", more(&plain));
+        assert!(more(&taken_back) < most * more(&plain), "{id}: {} of {}", more(&taken_back), more(&plain));
+    }
 }
 
 const RUBS: [f64; 3] = [1.5, 0.2, 0.02];

@@ -47,7 +47,7 @@ pub(super) fn refit_all(
     beside: f64,
     progress: &dyn Fn(&str),
 ) -> Vec<Refit> {
-    let before = bases.current.cost;
+    let before = bases.scene.fit.cost;
     let mut out: Vec<Refit> = Vec::new();
     for set in shortlist {
         let added: Vec<(&'static dyn Effect, Vec<&Direction>)> = set
@@ -317,7 +317,7 @@ pub(super) fn empirical(
     tracing::debug!(?gains, "nameless terms");
     let top = gains.first().map_or(0.0, |(g, _)| *g);
     let bases =
-        Bases { current: nested, component: search.component, short: &search.short, guided: None, gross: false };
+        Bases { scene: &round.scene, component: search.component, short: &search.short, guided: None, gross: false };
     let under = search.nameless_under_guide(nested, colours)?;
     let open = |e: &'static dyn Effect| under.as_ref().is_none_or(|under| !under.rules_out(e));
     let worth = gains.into_iter().filter(|(g, e)| *g > 0.3 * top && open(*e)).take(3);

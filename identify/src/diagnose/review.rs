@@ -27,7 +27,7 @@ impl Search<'_> {
         let round = Round::new(&self.brief, &alone, open.iter().copied())?;
         let guided = self.guided(&alone, gross);
         let guided = guided.as_ref();
-        let bases = Bases { current: &alone, component: self.component, short: &self.short, guided, gross };
+        let bases = Bases { scene: &round.scene, component: self.component, short: &self.short, guided, gross };
         let mut shortlist = self.shortlist(&round, &open, &bases)?;
         shortlist.retain(|set| set.len() == 1 && set[0].header().id != own);
         let mut refits = refit_all(&self.brief, &bases, &round, &shortlist, brief.cost, self.progress);

@@ -1,5 +1,7 @@
 //! The rounds of a diagnosis: which effect is added to the current model.
 
+use std::collections::BTreeSet;
+
 use model::effects::Effect;
 use model::effects::empirical::EMPIRICAL;
 use model::integrate::SimulationError;
@@ -68,6 +70,11 @@ pub(super) struct Step {
 }
 
 impl Step {
+    /// Ids of what is named, whatever its rivals.
+    fn ids(&self) -> BTreeSet<&'static str> {
+        self.names.iter().map(|n| n.effect.header().id).collect()
+    }
+
     /// The run that would tell a name from its rivals, where there are any: of the last name that has some.
     pub fn next_experiment(&self) -> Option<String> {
         self.names.iter().rev().find_map(|name| name.next_experiment.clone())
@@ -210,11 +217,14 @@ impl<'a> Search<'a> {
         let shortlist = round.shortlist(open, if bases.gross { 6 } else { 5 });
         let Some(guided) = bases.guided else { return Ok(shortlist) };
         let Some(mut under) = UnderGuide::of(guided, open)? else { return Ok(shortlist) };
+        if !under.shows {
+            return Ok(under.joined(shortlist));
+        }
         if !under.leads() {
             // friction of another kind than the model's acts as no little of it would
             under = UnderGuide::led(guided, &shortlist);
         }
-        let in_free_run = open.iter().map(|e| round.gram.gain(&round.of(e.header().id)) / bases.current.cost);
+        let in_free_run = open.iter().map(|e| round.gram.gain(&round.of(e.header().id)) / bases.scene.fit.cost);
         let narrowed = under.narrow(shortlist, in_free_run.fold(0.0, f64::max));
         if narrowed.is_empty() {
             (self.progress)("no candidate leads where the simulation follows what was measured");
@@ -243,10 +253,12 @@ impl<'a> Search<'a> {
         let last = found.last().clone();
         let largest = misfit::largest(&found.parts(self.problem, &last));
         let open = self.open(&last.fit);
-        let gross = largest > GROSS;
-        let guided = self.guided(nested, gross);
+        // a model that has taken an effect up fits its own data better than others
+        let (gross, left_out) = (largest > GROSS, misfit::largest(&self.left(found, &last)));
+        tracing::info!(largest, left_out, "misfit, noise floors");
+        let guided = self.guided(nested, gross || left_out > GROSS);
         let guided = guided.as_ref();
-        let bases = Bases { current: nested, component: self.component, short: &self.short, guided, gross };
+        let bases = Bases { scene: &round.scene, component: self.component, short: &self.short, guided, gross };
         let shortlist = self.shortlist(round, &open, &bases)?;
         let mut refits = refit_all(&self.brief, &bases, round, &shortlist, f64::INFINITY, self.progress);
         // what looks like the best one must be refitted too before that is named
@@ -284,7 +296,8 @@ impl<'a> Search<'a> {
         }
         (self.progress)(&format!("added {}", best.added.join(" and ")));
         if let Some(lean) = self.without_needless(&step, &best.fit)? {
-            return Ok(Some(lean));
+            let (begun, ended) = ((&last.ids(), last.fit.cost), (&lean.ids(), lean.fit.cost));
+            return Ok(if is_back(begun, ended) { None } else { Some(lean) });
         }
         self.reviewed(found, step, &best.fit).map(Some)
     }
@@ -316,5 +329,26 @@ impl<'a> Search<'a> {
     }
 }
 
+/// A round is back where it began, and would only be repeated: at the same names, and no better minimum of their fit.
+fn is_back(begun: (&BTreeSet<&str>, f64), ended: (&BTreeSet<&str>, f64)) -> bool {
+    begun.0 == ended.0 && ended.1 >= BETTER_MINIMUM * begun.1
+}
+
+/// Share of the cost below which a fit of the same names stands in another minimum.
+const BETTER_MINIMUM: f64 = 0.99;
 /// Standard errors (by clusters) by which data that were left out must be predicted better.
 const HELD: f64 = 2.0;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_round_is_back_at_the_same_names_unless_their_fit_is_in_a_better_minimum() {
+        let (one, other) = (BTreeSet::from(["end_stop"]), BTreeSet::from(["wall_creep"]));
+        assert!(is_back((&one, 100.0), (&one, 100.0)) && is_back((&one, 100.0), (&one, 101.0)));
+        assert!(!is_back((&one, 100.0), (&one, 90.0)), "the same name in a better minimum");
+        assert!(!is_back((&one, 100.0), (&other, 100.0)), "another in its place");
+        assert!(!is_back((&BTreeSet::new(), 100.0), (&one, 100.0)), "one more");
+    }
+}

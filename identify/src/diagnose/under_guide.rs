@@ -7,9 +7,7 @@ use model::effects::Effect;
 use model::integrate::SimulationError;
 
 use super::round::Round;
-use crate::fit::Fit;
 use crate::guided::{Guided, LEADS};
-use crate::problem::Problem;
 
 /// Cost a target under the guide from which what is missing shows there; noise alone leaves 1.
 const SHOWS: f64 = 5.0;
@@ -26,30 +24,32 @@ const FIRST: usize = 2;
 /// Shares of the cost under the guide that candidates take away.
 pub(super) struct UnderGuide {
     shares: Vec<(&'static dyn Effect, f64)>,
+    /// What is missing shows there: the shares say who is out of question. Where it does not, they only say who leads.
+    pub shows: bool,
 }
 
 impl UnderGuide {
-    /// Of these candidates; `None` where what is missing does not show under the guide.
+    /// Of these candidates.
     pub fn of(guided: &Guided, candidates: &[&'static dyn Effect]) -> Result<Option<Self>, SimulationError> {
-        let shows = |(problem, fit): &(&Problem, &Fit)| fit.cost > SHOWS * problem.targets() as f64;
-        let Some((problem, fit)) = guided.tightest().filter(shows) else { return Ok(None) };
+        let Some((problem, fit)) = guided.tightest() else { return Ok(None) };
         let round = Round::new(problem, fit, candidates.iter().copied())?;
         let share = |e: &'static dyn Effect| round.gram.gain(&round.of(e.header().id)) / fit.cost;
         let shares = candidates.iter().map(|e| (*e, share(*e))).collect();
-        Ok(Some(UnderGuide::sorted(shares)))
+        let shows = fit.cost > SHOWS * problem.targets() as f64;
+        Ok(Some(UnderGuide::sorted(shares, shows)))
     }
 
     /// The same of those in a shortlist, by a few steps from their starts instead.
     pub fn led(guided: &Guided, shortlist: &[Vec<&'static dyn Effect>]) -> Self {
         let singles = shortlist.iter().filter(|set| set.len() == 1).flatten();
-        UnderGuide::sorted(singles.map(|e| (*e, guided.takes_away(*e))).collect())
+        UnderGuide::sorted(singles.map(|e| (*e, guided.takes_away(*e))).collect(), true)
     }
 
-    fn sorted(mut shares: Vec<(&'static dyn Effect, f64)>) -> Self {
+    fn sorted(mut shares: Vec<(&'static dyn Effect, f64)>, shows: bool) -> Self {
         shares.sort_by(|a, b| b.1.total_cmp(&a.1));
         let best: Vec<_> = shares.iter().take(4).map(|(e, s)| (e.header().id, s)).collect();
-        tracing::info!(?best, "taken away under the guide");
-        UnderGuide { shares }
+        tracing::info!(?best, shows, "taken away under the guide");
+        UnderGuide { shares, shows }
     }
 
     fn best(&self) -> f64 {
@@ -68,7 +68,16 @@ impl UnderGuide {
 
     /// Another candidate takes away most of the cost, and this one next to nothing.
     pub fn rules_out(&self, effect: &'static dyn Effect) -> bool {
-        self.best() >= MOST && self.share(effect) < LEADS
+        self.shows && self.best() >= MOST && self.share(effect) < LEADS
+    }
+
+    /// A shortlist with those that lead under the guide beside it: what a free run's base parameters have taken up is small there too, but they can't
+    /// follow it as far.
+    pub fn joined(&self, mut shortlist: Vec<Vec<&'static dyn Effect>>) -> Vec<Vec<&'static dyn Effect>> {
+        for (effect, _) in self.shares.iter().take(FIRST) {
+            add_single(&mut shortlist, *effect);
+        }
+        shortlist
     }
 
     /// The first sets of a shortlist and those that are still open, and the best candidates besides. Where none takes away most, two may be missing,
@@ -85,11 +94,16 @@ impl UnderGuide {
         let stays = |(place, set): &(usize, Vec<_>)| *place < FIRST || set.iter().all(open);
         let mut out: Vec<_> = shortlist.into_iter().enumerate().filter(stays).map(|(_, set)| set).collect();
         for (effect, _) in self.shares.iter().take(BEST).filter(|(e, _)| open(e)) {
-            if !out.iter().any(|set| set.len() == 1 && set[0].header().id == effect.header().id) {
-                out.push(vec![*effect]);
-            }
+            add_single(&mut out, *effect);
         }
         out
+    }
+}
+
+/// Adds a set of one effect where there is none of it.
+fn add_single(sets: &mut Vec<Vec<&'static dyn Effect>>, effect: &'static dyn Effect) {
+    if !sets.iter().any(|set| set.len() == 1 && set[0].header().id == effect.header().id) {
+        sets.push(vec![effect]);
     }
 }
 
@@ -103,7 +117,7 @@ mod tests {
     }
 
     fn under(shares: &[(&str, f64)]) -> UnderGuide {
-        UnderGuide { shares: shares.iter().map(|(id, share)| (effects(&[id])[0], *share)).collect() }
+        UnderGuide { shares: shares.iter().map(|(id, share)| (effects(&[id])[0], *share)).collect(), shows: true }
     }
 
     fn ids(sets: &[Vec<&'static dyn Effect>]) -> Vec<String> {
@@ -124,6 +138,14 @@ mod tests {
         assert!(u.leads());
         assert!(u.rules_out(effects(&["pump_lag"])[0]) && !u.rules_out(effects(&["backlash"])[0]));
         assert!(u.rules_out(effects(&["tilt"])[0]), "one that was no candidate");
+    }
+
+    #[test]
+    fn where_little_shows_those_that_lead_join_and_none_is_out() {
+        let u = UnderGuide { shows: false, ..under(&[("stribeck_friction", 0.6), ("tilt", 0.02), ("pump_lag", 0.01)]) };
+        let shortlist = vec![effects(&["tilt"]), effects(&["end_stop", "pump_lag"])];
+        assert_eq!(ids(&u.joined(shortlist)), ["tilt", "end_stop+pump_lag", "stribeck_friction"]);
+        assert!(!u.rules_out(effects(&["pump_lag"])[0]));
     }
 
     #[test]

@@ -23,7 +23,14 @@ impl Law for StribeckFriction {
             Parameter { name: "w_s", unit: "rad/s", lower: 0.002, upper: 0.2, typical: 0.02, size: false },
         ],
         states: 0,
-        starts: &[&[0.1, 0.05, 0.02], &[0.1, 0.2, 0.02], &[0.1, 0.8, 0.02], &[1.5, 0.1, 0.02], &[1.5, 0.5, 0.02]],
+        starts: &[
+            &[0.1, 0.05, 0.02],
+            &[0.1, 0.2, 0.02],
+            &[0.1, 0.8, 0.02],
+            &[1.5, 0.1, 0.02],
+            &[1.5, 0.5, 0.02],
+            &[0.5, 0.4, 0.005],
+        ],
         passive: true,
     };
     const REFINED: Option<Refined> = Some(Refined { effect: &AnyFall, neutral: &[2.0], starts: &[&[1.0]] });
