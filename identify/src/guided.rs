@@ -36,6 +36,8 @@ const FIRST: [usize; 2] = [2, 1];
 pub const LEADS: f64 = 0.1;
 /// An effect that leads is led from at most so many starts more: friction in one form is a false minimum of friction in another.
 const MORE: usize = 5;
+/// From no more where a few steps take away this share of what is missing: a false minimum leaves more.
+const ALL_BUT: f64 = 0.95;
 
 impl Guided {
     /// A model under guides on this problem, from its fit or from values that no lacking effect has bent, whichever leads further; `None` where the
@@ -64,9 +66,10 @@ impl Guided {
         let tight = self.problems.first()?;
         let (lowest, mut others) =
             self.first_steps(effect).filter(|(led, _)| self.share_of_missing(led.cost) > LEADS)?;
+        let more = if self.share_of_missing(lowest.cost) > ALL_BUT { 0 } else { MORE };
         others.sort_by(|a, b| a.0.total_cmp(&b.0));
         let layout = lowest.layout.clone();
-        let more = others.into_iter().take(MORE).filter_map(|(_, point)| fit(tight, &layout, point, FEW).ok());
+        let more = others.into_iter().take(more).filter_map(|(_, point)| fit(tight, &layout, point, FEW).ok());
         let lowest = best([lowest].into_iter().chain(more))?;
         let led = fit(tight, &layout, lowest.point, LEAD).ok()?;
         tracing::debug!(id = effect.header().id, from = self.fit.cost, to = led.cost, "led");
