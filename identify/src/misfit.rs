@@ -2,7 +2,10 @@
 
 use recordings::Protocol;
 
-use crate::colour::Colour;
+use model::integrate::SimulationError;
+
+use crate::colour::{Colour, colours};
+use crate::fit::Fit;
 use crate::prepare::{Channel, Stand};
 use crate::problem::Problem;
 
@@ -82,6 +85,15 @@ pub fn leading(parts: &[Part]) -> Option<&Part> {
 /// How large that is, in units of the noise of one sample (RMS), weighted.
 pub fn largest(parts: &[Part]) -> f64 {
     leading(parts).map_or(0.0, |p| weighted(p).sqrt())
+}
+
+/// [`largest`] of what a fit leaves of this problem, the noise's colour estimated beside it.
+///
+/// # Errors
+/// The model can't be simulated there.
+pub fn left_by(problem: &Problem, fit: &Fit) -> Result<f64, SimulationError> {
+    let residuals = problem.residuals(&fit.layout, &fit.point)?;
+    Ok(largest(&parts(problem, &residuals, &colours(problem, &residuals))))
 }
 
 fn weighted(part: &Part) -> f64 {

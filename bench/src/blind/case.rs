@@ -87,32 +87,55 @@ pub struct Seconds {
     pub diagnose: f64,
 }
 
+/// A model without an effect.
+struct Without {
+    /// Cost a target.
+    cost: Option<f64>,
+    /// Largest validation error, noise floors.
+    error: Option<f64>,
+    /// Largest structured residual in the runs that may be fitted, noise floors.
+    left: Option<f64>,
+}
+
 impl Case {
     /// How strong the effect is that shows least, noise floors: the largest validation error of the best model without it. That is the one
     /// fitted from the true values on, or the one that the identification or the diagnosis found, where that fits what was recorded
     /// better: the other one then ended in a false minimum.
     pub fn least_strength(&self) -> f64 {
-        let each = (0..self.acting.len()).map(|n| {
-            let acting = &self.acting[n];
-            let (found, error) = self.found_without(n);
-            match (error, found, acting.cost) {
-                (Some(error), Some(found), Some(cost)) if found < cost => error,
-                _ => acting.strength,
-            }
-        });
-        each.fold(f64::INFINITY, f64::min)
+        self.least(|without| without.error).unwrap_or(f64::INFINITY)
     }
 
-    /// Cost and largest validation error of a model without one effect, but with all others, that was found on the way.
-    fn found_without(&self, n: usize) -> (Option<f64>, Option<f64>) {
+    /// How much is seen of the effect that shows least in the runs that may be fitted, noise floors: the largest structured residual there of
+    /// the best model without it. What is small here can't be told from those runs, however much it matters in the validation. `None` where that is not known.
+    pub fn least_left(&self) -> Option<f64> {
+        self.least(|without| without.left)
+    }
+
+    fn least(&self, figure: impl Fn(&Without) -> Option<f64>) -> Option<f64> {
+        let each = (0..self.acting.len()).map(|n| {
+            let acting = &self.acting[n];
+            let fitted = Without { cost: acting.cost, error: Some(acting.strength), left: acting.left };
+            let better = self.found_without(n).filter(|found| match (found.cost, found.error, fitted.cost) {
+                (Some(found), Some(_), Some(fitted)) => found < fitted,
+                _ => false,
+            });
+            figure(&better.unwrap_or(fitted))
+        });
+        each.reduce(|a, b| Some(a?.min(b?))).flatten()
+    }
+
+    /// A model without one effect, but with all others, that was found on the way.
+    fn found_without(&self, n: usize) -> Option<Without> {
         let named: BTreeSet<&str> = self.said.iter().flat_map(|s| &s.effects).map(|e| e.id.as_str()).collect();
         let others: BTreeSet<&str> =
             self.acting.iter().enumerate().filter(|(k, _)| *k != n).map(|(_, a)| a.id.as_str()).collect();
-        let Figures { before, after, cost_identified, cost_after, .. } = self.figures;
+        let f = &self.figures;
         match () {
-            () if others.is_empty() => (cost_identified, before),
-            () if others == named => (cost_after, after),
-            () => (None, None),
+            () if others.is_empty() => {
+                Some(Without { cost: f.cost_identified, error: f.before, left: f.residual_before })
+            }
+            () if others == named => Some(Without { cost: f.cost_after, error: f.after, left: f.residual_after }),
+            () => None,
         }
     }
 
@@ -158,7 +181,15 @@ pub(super) mod tests {
 
     pub fn acting(id: &str, strength: f64, cost: f64) -> Acting {
         let (id, form, balance) = (id.to_owned(), id.to_owned(), "flow".to_owned());
-        Acting { id, balance, form, parameters: Default::default(), strength, cost: Some(cost) }
+        Acting {
+            id,
+            balance,
+            form,
+            parameters: Default::default(),
+            strength,
+            cost: Some(cost),
+            left: Some(strength / 2.0),
+        }
     }
 
     pub fn case(acting: Vec<Acting>, named: &[&str], figures: Figures) -> Case {
@@ -204,6 +235,24 @@ pub(super) mod tests {
         assert_eq!(case(pair(), &["tilt"], found()).least_strength(), 1.1, "without end_stop all is explained");
         assert_eq!(case(pair(), &["backlash"], found()).least_strength(), 5.0, "a wrong name says nothing of either");
         assert_eq!(case(pair(), &["tilt", "end_stop"], found()).least_strength(), 5.0);
+    }
+
+    #[test]
+    fn what_is_seen_of_an_effect_is_what_the_best_model_without_it_leaves() {
+        let found = |cost| Figures {
+            before: Some(5.2),
+            residual_before: Some(0.4),
+            cost_identified: Some(cost),
+            ..Figures::default()
+        };
+        let of = |cost| case(vec![acting("tilt", 5.0, 3.0)], &[], found(cost)).least_left();
+        assert_eq!((of(3.5), of(2.5)), (Some(2.5), Some(0.4)));
+        let pair = || vec![acting("tilt", 6.0, 8.0), acting("end_stop", 5.0, 9.0)];
+        assert_eq!(case(pair(), &[], Figures::default()).least_left(), Some(2.5));
+        let mut unknown = pair();
+        unknown[0].left = None;
+        assert_eq!(case(unknown, &[], Figures::default()).least_left(), None);
+        assert_eq!(case(Vec::new(), &[], Figures::default()).least_left(), None, "nothing acts");
     }
 
     #[test]

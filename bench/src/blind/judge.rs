@@ -42,6 +42,9 @@ pub struct Acting {
     /// Cost a target (1 = noise alone) of the fit that shows it: the model with the other effects, from the true values on.
     #[serde(default)]
     pub cost: Option<f64>,
+    /// Largest structured residual that this fit leaves in the runs that may be fitted, noise floors: what there is of the effect to find.
+    #[serde(default)]
+    pub left: Option<f64>,
 }
 
 /// What the verdict turned out to be.
@@ -145,6 +148,7 @@ mod tests {
             parameters: Default::default(),
             strength: 5.0,
             cost: None,
+            left: None,
         };
         ids.iter().map(one).collect()
     }

@@ -198,6 +198,25 @@ pub fn targets(cases: &[Case]) -> Vec<Target> {
     ]
 }
 
+/// Structured residual from which an effect counts as seen in the runs that may be fitted: as large as the noise.
+const SEEN: f64 = 1.0;
+
+/// The targets that ask for names, or for none, of the cases alone whose effects are seen in the runs that may be fitted. An effect that acts in the
+/// validation only (a stop that no other run comes to, say) is in nobody's reach; it counts in [`targets`] all the same.
+pub fn seen(cases: &[Case]) -> Vec<(&'static str, Share)> {
+    let right = |c: &Case| c.outcome == Outcome::Right;
+    let of = |row: &'static [Row]| {
+        let seen = cases.iter().filter(|c| c.least_left().is_some_and(|left| left >= SEEN));
+        Share::of(seen.filter(move |c| row.contains(&Row::of(c))), right)
+    };
+    vec![
+        ("right class, 4 noise floors or more", of(&[Row::Clear, Row::Gross])),
+        ("right class, 2 to 3 noise floors", of(&[Row::Weak])),
+        ("pairs, both named", of(&[Row::Pair])),
+        ("outside: unrecognised, right balance", of(&[Row::Outside])),
+    ]
+}
+
 /// How often the 95 % interval of a parameter holds its true value: of effects that are named right, act in the library's own form and are found in it.
 pub fn covered(cases: &[Case]) -> Share {
     const Z: f64 = 1.959_963_985;
@@ -243,6 +262,23 @@ mod tests {
             of("tilt", 1.1, None),
         ];
         assert_eq!(covered(&cases), Share { hits: 1, of: 2 });
+    }
+
+    #[test]
+    fn what_the_fitted_runs_do_not_show_counts_in_the_targets_alone() {
+        let of = |left: Option<f64>, outcome: Outcome| {
+            let mut acting = acting("tilt", 5.0, 1.0);
+            acting.left = left;
+            Case { outcome, kind: Kind::Clear, ..case(vec![acting], &["tilt"], Figures::default()) }
+        };
+        let cases = [
+            of(Some(3.0), Outcome::Right),
+            of(Some(0.3), Outcome::Missed),
+            of(None, Outcome::Missed),
+            of(Some(1.0), Outcome::Missed),
+        ];
+        assert_eq!(targets(&cases)[1].share, Share { hits: 1, of: 4 });
+        assert_eq!(seen(&cases)[0].1, Share { hits: 1, of: 2 });
     }
 
     #[test]

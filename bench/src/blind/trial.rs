@@ -198,7 +198,10 @@ fn fill(out: &mut Case, Sealed { truth, recorded, without }: &Sealed) -> Result<
     out.figures.cost_identified = cost(&identified.fit);
     out.figures.cost_after = cost(&diagnosis.after);
     out.figures.cost_base = cost(&base);
-    out.acting.iter_mut().zip(&lacking).for_each(|(acting, fit)| acting.cost = cost(fit));
+    for (acting, fit) in out.acting.iter_mut().zip(&lacking) {
+        acting.cost = cost(fit);
+        acting.left = left_by(&identified.problem, fit);
+    }
     out.figures.cost_truth = cost(&with);
     out.figures.residual_before = Some(misfit::largest(&diagnosis.parts_before));
     out.figures.residual_after = Some(misfit::largest(&diagnosis.parts_after));
@@ -259,6 +262,12 @@ fn cost_by(problem: &Problem, fit: &Fit) -> Option<f64> {
     cost.filter(|c| c.is_finite())
 }
 
+/// The largest structured residual by the weights that the identification found, noise floors.
+fn left_by(problem: &Problem, fit: &Fit) -> Option<f64> {
+    let fits = problem.stretches.len() == fit.point.initial.len();
+    fits.then(|| misfit::left_by(problem, fit).ok()).flatten()
+}
+
 /// The largest error against what was recorded.
 fn most(errors: &[ChannelError]) -> f64 {
     errors.iter().map(|e| e.rmse).fold(0.0, f64::max)
@@ -274,6 +283,7 @@ fn acting(effect: &dyn Effect, values: &[f64], strength: f64) -> Acting {
         parameters,
         strength,
         cost: None,
+        left: None,
     }
 }
 

@@ -4,7 +4,7 @@
 use super::results::aligned;
 use crate::blind::plan::{Kind, plan};
 use crate::blind::store::Store;
-use crate::blind::table::{Target, confusion, covered, targets};
+use crate::blind::table::{Target, confusion, covered, seen, targets};
 use crate::blind::trial::trial;
 use crate::failure::{self, Failure};
 use crate::progress::Progress;
@@ -84,6 +84,8 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     progress.result("");
     let targets = targets(&cases);
     targets.iter().for_each(|target| progress.result(&target.line()));
+    progress.result("of those, the ones whose effects leave a noise floor or more in the runs that may be fitted:");
+    seen(&cases).iter().for_each(|(what, share)| progress.result(&format!("{what:44} {share}")));
     progress.result(&format!("{:44} {}", "parameters: 95 % interval holds the truth", covered(&cases)));
     judge(&targets, args.case.is_some())
 }

@@ -102,8 +102,7 @@ const GENERAL: Heat = Heat { iterations: 15, ..HEATS[3] };
 
 /// A fit leaves nothing that matters.
 fn is_noise(problem: &Problem, fit: &Fit) -> bool {
-    let left = problem.residuals(&fit.layout, &fit.point);
-    left.is_ok_and(|r| misfit::largest(&misfit::parts(problem, &r, &colours(problem, &r))) < MATERIAL)
+    misfit::left_by(problem, fit).is_ok_and(|left| left < MATERIAL)
 }
 
 /// A heat of [`refit_all`].
