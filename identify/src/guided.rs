@@ -36,6 +36,10 @@ const FIRST: [usize; 2] = [2, 1];
 pub const LEADS: f64 = 0.1;
 /// An effect that leads is led from at most so many starts more: friction in one form is a false minimum of friction in another.
 const MORE: usize = 5;
+/// Of those, what so many steps leave tells which are worth more,
+const GLANCE: Effort = Effort { iterations: 3, ..LEAD };
+/// and so many are.
+const WORTH: usize = 2;
 /// From no more where a few steps take away this share of what is missing: a false minimum leaves more.
 const ALL_BUT: f64 = 0.95;
 
@@ -69,7 +73,10 @@ impl Guided {
         let more = if self.share_of_missing(lowest.cost) > ALL_BUT { 0 } else { MORE };
         others.sort_by(|a, b| a.0.total_cmp(&b.0));
         let layout = lowest.layout.clone();
-        let more = others.into_iter().take(more).filter_map(|(_, point)| fit(tight, &layout, point, FEW).ok());
+        let glance = |(_, point): (f64, Point)| fit(tight, &layout, point, GLANCE).ok();
+        let mut glanced: Vec<Fit> = others.into_iter().take(more).filter_map(glance).collect();
+        glanced.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        let more = glanced.into_iter().take(WORTH).filter_map(|led| fit(tight, &layout, led.point, FEW).ok());
         let lowest = best([lowest].into_iter().chain(more))?;
         let led = fit(tight, &layout, lowest.point, LEAD).ok()?;
         tracing::debug!(id = effect.header().id, from = self.fit.cost, to = led.cost, "led");

@@ -23,6 +23,8 @@ pub struct Part {
     /// Mean square of the structured part of the residual, in units of the noise of one sample squared. May come out
     /// slightly negative where there is none.
     pub structured: f64,
+    /// Samples that it is the mean of.
+    pub samples: f64,
     /// `structured` over its standard error if there were none, the noise's colour allowed for.
     pub significance: f64,
 }
@@ -65,7 +67,7 @@ pub fn parts(problem: &Problem, residuals: &[Vec<f64>], colours: &[Colour]) -> V
             }
             let total: f64 = sum - steps * weight;
             let significance = total / (error * (pairs as f64).sqrt());
-            out.push(Part { run, protocol, free, channel, structured: total / weight, significance });
+            out.push(Part { run, protocol, free, channel, structured: total / weight, samples: weight, significance });
         }
     }
     out
@@ -85,6 +87,11 @@ pub fn leading(parts: &[Part]) -> Option<&Part> {
 /// How large that is, in units of the noise of one sample (RMS), weighted.
 pub fn largest(parts: &[Part]) -> f64 {
     leading(parts).map_or(0.0, |p| weighted(p).sqrt())
+}
+
+/// What the structured residual adds to the cost, weighted.
+pub fn cost(parts: &[Part]) -> f64 {
+    parts.iter().map(|p| weighted(p) * p.samples).sum()
 }
 
 /// [`largest`] of what a fit leaves of this problem, the noise's colour estimated beside it.

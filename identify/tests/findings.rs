@@ -208,6 +208,7 @@ fn what_a_named_effect_leaves_is_said_where_it_is_more_than_noise() {
         free: true,
         channel,
         structured,
+        samples: 1e4,
         significance,
     };
     let said = |left: &[Part]| {

@@ -301,10 +301,10 @@ pub(super) fn where_they_differ(problem: &Problem, a: &Fit, b: &Fit) -> Result<S
 }
 
 /// The balance whose nameless terms predict left-out data best, refitted: what is fitted better may only be the set with more terms.
-/// `round`: of those terms at the reference model `nested`; `colours`: of the noise.
+/// `first`: the round of the whole library; `round`: of those terms at the same model; `colours`: of the noise.
 pub(super) fn empirical(
     search: &Search,
-    nested: &Fit,
+    first: &Round,
     round: &Round,
     colours: &[Colour],
 ) -> Result<Option<Fit>, SimulationError> {
@@ -317,7 +317,7 @@ pub(super) fn empirical(
     let top = gains.first().map_or(0.0, |(g, _)| *g);
     let bases =
         Bases { scene: &round.scene, component: search.component, short: &search.short, guided: None, gross: false };
-    let under = search.nameless_under_guide(nested, colours)?;
+    let under = search.nameless_under_guide(first, colours)?;
     let open = |e: &'static dyn Effect| under.as_ref().is_none_or(|under| !under.rules_out(e));
     let worth = gains.into_iter().filter(|(g, e)| *g > 0.3 * top && open(*e)).take(3);
     let sets: Vec<Vec<&'static dyn Effect>> = worth.map(|(_, e)| vec![e]).collect();

@@ -8,8 +8,8 @@ use super::compare::empirical;
 use super::round::Round;
 use super::search::{Found, Name, Search, Step};
 use super::{
-    Added, CLEAR, CONSISTENT, DISAGREE, Diagnosis, EXPLAINED, LEVEL, MATERIAL, MOST_EFFECTS, PREFERRED, SUBSTANTIAL,
-    Verdict,
+    Added, CLEAR, CONSISTENT, DISAGREE, Diagnosis, EXPLAINED, GROSS, LEVEL, MATERIAL, MOST_EFFECTS, PREFERRED,
+    SUBSTANTIAL, Verdict,
 };
 use crate::fit::Fit;
 use crate::misfit::{self, Part};
@@ -23,22 +23,32 @@ impl Search<'_> {
         misfit::parts(self.problem, &step.held_out, &found.colours)
     }
 
+    /// What the names of a step leave, beside what there was before the last of them and at first.
+    fn leaves(&self, found: &Found, before: &Step, step: &Step) -> Leaves {
+        let left = self.left(found, step);
+        let total = |step: &Step| misfit::total(&self.left(found, step));
+        let (whole, before_it, after) = (total(&found.steps[0]), total(before), misfit::total(&left));
+        Leaves {
+            first: before.names.is_empty(),
+            largest: misfit::largest(&left),
+            share: if before_it > 0.0 { 1.0 - after / before_it } else { 1.0 },
+            of_whole: if whole > 0.0 { (before_it - after) / whole } else { 1.0 },
+            next_to_nothing: after < SUBSTANTIAL * whole,
+            agreed: step.disagreement <= DISAGREE,
+        }
+    }
+
     /// Whether the names of a step are the explanation.
     fn explains(&self, found: &Found, number: usize) -> Explains {
         let step = &found.steps[number];
-        let total = |n: usize| misfit::total(&self.left(found, &found.steps[n]));
-        let (whole, before, after) = (total(0), total(number - 1), total(number));
-        let leaves = Leaves {
-            first: number == 1,
-            largest: misfit::largest(&self.left(found, step)),
-            share: if before > 0.0 { 1.0 - after / before } else { 1.0 },
-            of_whole: if whole > 0.0 { (before - after) / whole } else { 1.0 },
-            next_to_nothing: after < SUBSTANTIAL * whole,
-            agreed: step.disagreement <= DISAGREE,
-        };
-        let names: Vec<&str> = step.names.iter().map(|n| n.effect.header().id).collect();
-        tracing::info!(?names, ?leaves, step.disagreement, "what the names leave");
+        let leaves = self.leaves(found, &found.steps[number - 1], step);
+        tracing::info!(names = ?step.ids(), ?leaves, step.disagreement, "what the names leave");
         leaves.explained()
+    }
+
+    /// A step's second name is beside the point ([`Leaves::beside_the_point`]).
+    pub fn is_beside_the_point(&self, found: &Found, before: &Step, step: &Step) -> bool {
+        self.leaves(found, before, step).beside_the_point()
     }
 
     /// The verdict.
@@ -54,14 +64,14 @@ impl Search<'_> {
                 let of_whole = misfit::total(&left) / misfit::total(&self.left(&found, &before));
                 match enough(found.steps[n].names.len(), misfit::largest(&left), of_whole) {
                     Some(share) => self
-                        .nameless(&mut found, true)?
+                        .nameless(&mut found, first, true)?
                         .filter(|step| misfit::total(&self.left(&found, step)) < share * misfit::total(&left)),
                     None => None,
                 }
             }
             None if largest >= MATERIAL => {
                 let certain = found.steps.len() > 1 || largest > CLEAR;
-                let nameless = self.nameless(&mut found, certain)?;
+                let nameless = self.nameless(&mut found, first, certain)?;
                 let total = |step: &Step| misfit::total(&self.left(&found, step));
                 match (last(Explains::Mostly), &nameless) {
                     // no other effect of any form comes near the name
@@ -119,27 +129,32 @@ impl Search<'_> {
     }
 
     /// The nameless term of the balance that explains most, where there is something to explain. `certain`: there is, whether a
-    /// term explains it or not. Otherwise the terms' score test, its size, and the data that were left out must agree.
-    pub fn nameless(&self, found: &mut Found, certain: bool) -> Result<Option<Step>, SimulationError> {
+    /// term explains it or not. Otherwise the terms' score test, its size, and the data that were left out must agree. `first`: the round at the
+    /// reference model.
+    pub fn nameless(&self, found: &mut Found, first: &Round, certain: bool) -> Result<Option<Step>, SimulationError> {
         if certain {
-            return self.look_for_nameless(found, true);
+            return self.look_for_nameless(found, first, true);
         }
         if found.convincing.is_none() {
-            found.convincing = Some(self.look_for_nameless(found, false)?);
+            found.convincing = Some(self.look_for_nameless(found, first, false)?);
         }
         Ok(found.convincing.clone().flatten())
     }
 
-    fn look_for_nameless(&self, found: &mut Found, certain: bool) -> Result<Option<Step>, SimulationError> {
+    fn look_for_nameless(
+        &self,
+        found: &mut Found,
+        first: &Round,
+        certain: bool,
+    ) -> Result<Option<Step>, SimulationError> {
         let reference = found.steps[0].clone();
-        let nested = self.nested(&reference.fit)?;
-        let round = Round::new(&self.brief, &nested, EMPIRICAL.iter().copied())?;
+        let round = Round::new(&self.brief, first.scene.fit, EMPIRICAL.iter().copied())?;
         let p = round.p_value(|_| true);
         tracing::info!(p, certain, "nameless terms");
         if p > LEVEL && !certain {
             return Ok(None);
         }
-        let Some(fit) = empirical(self, &nested, &round, &found.colours)? else { return Ok(None) };
+        let Some(fit) = empirical(self, first, &round, &found.colours)? else { return Ok(None) };
         let step = self.step(fit, Vec::new())?;
         found.learn(self.problem, &step.residual);
         let before = self.left(found, &reference);
@@ -212,6 +227,12 @@ impl Leaves {
         } else {
             Explains::No
         }
+    }
+
+    /// A second name that does no substantial part, and leaves a gross misfit: whatever stands in the place of the first, the two are not what is
+    /// missing.
+    fn beside_the_point(&self) -> bool {
+        !self.first && self.of_whole < SUBSTANTIAL && self.largest > GROSS
     }
 }
 
@@ -290,6 +311,14 @@ mod tests {
         let second = Leaves { first: false, of_whole: 0.01, ..noise };
         assert_eq!(second.explained(), Explains::No, "neither much nor all");
         assert_eq!(Leaves { share: 0.95, ..second }.explained(), Explains::Yes);
+        let idle = Leaves { largest: 3.0, share: 0.3, ..second };
+        assert!(idle.beside_the_point() && idle.explained() == Explains::No);
+        assert!(
+            !Leaves { largest: 1.0, ..idle }.beside_the_point(),
+            "what is left may yet be a matter of the first one's form"
+        );
+        assert!(!Leaves { of_whole: 0.1, ..idle }.beside_the_point(), "it does a substantial part");
+        assert!(!Leaves { first: true, ..idle }.beside_the_point());
     }
 
     #[test]

@@ -201,10 +201,10 @@ pub fn diagnose_declared(
         }
         let step = if number == 0 {
             // what all candidates together can't show, terms without a name may: then it is one of them, or none
-            if !search.calls_for(&found, &first) && search.nameless(&mut found, false)?.is_none() {
+            if !search.calls_for(&found, &first) && search.nameless(&mut found, &first, false)?.is_none() {
                 break;
             }
-            search.round(&mut found, &nested, &first)?
+            search.round(&mut found, &first)?
         } else {
             if search.is_lost(&found) {
                 break;
@@ -212,10 +212,10 @@ pub fn diagnose_declared(
             let nested = search.nested(&found.last().fit)?;
             let open = search.open(&nested);
             let round = Round::new(&search.brief, &nested, open.into_iter())?;
-            if !search.calls_for(&found, &round) {
+            if !search.calls_for(&found, &round) || search.is_settled(&found, &round)? {
                 break;
             }
-            search.round(&mut found, &nested, &round)?
+            search.round(&mut found, &round)?
         };
         match step {
             Some(step) => found.take(step),

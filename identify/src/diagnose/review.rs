@@ -25,8 +25,7 @@ impl Search<'_> {
         let gross = is_gross(&self.brief, &alone, &found.colours)?;
         let open = self.open(&alone);
         let round = Round::new(&self.brief, &alone, open.iter().copied())?;
-        let guided = self.guided(&alone, gross);
-        let guided = guided.as_ref();
+        let guided = if gross { round.guided(self) } else { None };
         let bases = Bases { scene: &round.scene, component: self.component, short: &self.short, guided, gross };
         let mut shortlist = self.shortlist(&round, &open, &bases)?;
         shortlist.retain(|set| set.len() == 1 && set[0].header().id != own);

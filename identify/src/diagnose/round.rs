@@ -1,10 +1,15 @@
 //! The candidates of one round, tested against the current model.
 
+use std::sync::OnceLock;
+
 use model::effects::Effect;
 use model::integrate::SimulationError;
 use rayon::prelude::*;
 
+use super::compare::guided;
+use super::search::Search;
 use crate::fit::Fit;
+use crate::guided::Guided;
 use crate::problem::Problem;
 use crate::score::{Direction, Gram, Scene};
 use crate::significance::p_of_largest;
@@ -14,6 +19,7 @@ pub(super) struct Round<'a> {
     pub scene: Scene<'a>,
     pub directions: Vec<Direction>,
     pub gram: Gram,
+    guided: OnceLock<Option<Guided>>,
 }
 
 impl<'a> Round<'a> {
@@ -40,7 +46,12 @@ impl<'a> Round<'a> {
 
     fn with(scene: Scene<'a>, directions: Vec<Direction>) -> Self {
         let gram = Gram::new(&directions);
-        Round { scene, directions, gram }
+        Round { scene, directions, gram, guided: OnceLock::new() }
+    }
+
+    /// The current model where its simulation follows what was measured; `None` where the plant's can't be guided.
+    pub fn guided(&self, search: &Search) -> Option<&Guided> {
+        self.guided.get_or_init(|| guided(search.problem, self.scene.fit, search.component)).as_ref()
     }
 
     /// Positions of an effect's directions that may be used, the best first.

@@ -13,15 +13,19 @@ use super::compare::{
 use super::holdout::HoldOut;
 use super::round::Round;
 use super::under_guide::UnderGuide;
-use super::{BRIEF_S, CLEAR, Declared, EXPLAINED, GROSS, LEVEL, LOST, MATERIAL, PREFERRED, Ranked, SHORT_S};
+use super::{
+    BRIEF_S, CLEAR, Declared, EXPLAINED, GROSS, LEVEL, LOST, MATERIAL, PREFERRED, Ranked, SHORT_S, SUBSTANTIAL,
+};
 use crate::colour::{Colour, colours};
 use crate::fit::{FAR, Fit};
-use crate::guided::Guided;
 use crate::identification::covariance_of;
 use crate::misfit::{self, Part};
 use crate::problem::Problem;
 use crate::refit::{Bases, Refit, advantage};
 use crate::shapes;
+
+/// Share of what is left that a second name does at least linearly, where it is one that does nearly all of it.
+const A_GOOD_PART: f64 = 0.5;
 
 /// What a fit leaves is more than a small effect would.
 pub(super) fn is_gross(problem: &Problem, fit: &Fit, colours: &[Colour]) -> Result<bool, SimulationError> {
@@ -71,7 +75,7 @@ pub(super) struct Step {
 
 impl Step {
     /// Ids of what is named, whatever its rivals.
-    fn ids(&self) -> BTreeSet<&'static str> {
+    pub fn ids(&self) -> BTreeSet<&'static str> {
         self.names.iter().map(|n| n.effect.header().id).collect()
     }
 
@@ -180,7 +184,10 @@ impl<'a> Search<'a> {
     /// effect must not be named for what another start would have gained.
     fn reseated(&self, found: &Found, fit: Fit) -> Result<Fit, SimulationError> {
         let gross = is_gross(self.problem, &fit, &found.colours)?;
-        let theta = self.guided(&fit, gross).and_then(|guided| guided.let_go());
+        if !gross {
+            return Ok(fit);
+        }
+        let theta = guided(self.problem, &fit, self.component).and_then(|guided| guided.let_go());
         let led = theta
             .and_then(|theta| crate::fit::fit(self.problem, &fit.layout, self.problem.point(theta), to_the_end()).ok());
         Ok(match led {
@@ -192,19 +199,16 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// The current model where its simulation follows what was measured, for a misfit that is gross.
-    pub fn guided(&self, current: &Fit, gross: bool) -> Option<Guided> {
-        if gross { guided(self.problem, current, self.component) } else { None }
-    }
-
-    /// What terms without a name explain under a guide, where what a model of the brief runs leaves is gross.
+    /// What terms without a name explain under a guide, where what a round's model of the brief runs leaves is gross.
     pub fn nameless_under_guide(
         &self,
-        nested: &Fit,
+        round: &Round,
         colours: &[Colour],
     ) -> Result<Option<UnderGuide>, SimulationError> {
-        let gross = is_gross(&self.brief, nested, colours)?;
-        self.guided(nested, gross).map_or(Ok(None), |guided| UnderGuide::of(&guided, &EMPIRICAL))
+        if !is_gross(&self.brief, round.scene.fit, colours)? {
+            return Ok(None);
+        }
+        round.guided(self).map_or(Ok(None), |guided| UnderGuide::of(guided, &EMPIRICAL))
     }
 
     /// Sets of candidates that are worth a refit; none where a guide shows that none of them is what is missing.
@@ -248,16 +252,33 @@ impl<'a> Search<'a> {
         misfit::largest(&left) > GROSS && misfit::total(&left) > (1.0 - LOST) * before && of_cost < LOST
     }
 
+    /// What is left is no substantial part of the whole, so a second name would have to do nearly all of it; and no candidate does a good part of it
+    /// even linearly. It is a matter of the form of what is named.
+    pub fn is_settled(&self, found: &Found, round: &Round) -> Result<bool, SimulationError> {
+        let total = |step: &Step| misfit::total(&self.left(found, step));
+        if total(found.last()) >= SUBSTANTIAL * total(&found.steps[0]) {
+            return Ok(false);
+        }
+        let fit = round.scene.fit;
+        let residual = self.brief.residuals(&fit.layout, &fit.point)?;
+        let left = misfit::cost(&misfit::parts(&self.brief, &residual, &found.colours));
+        let gain = |set: Vec<&'static dyn Effect>| {
+            round.gram.gain(&set.iter().flat_map(|e| round.of(e.header().id)).collect::<Vec<_>>())
+        };
+        let most = round.shortlist(&self.open(fit), 3).into_iter().map(gain).fold(0.0, f64::max);
+        tracing::info!(left, most, "what a second name could do, linearly");
+        Ok(most < A_GOOD_PART * left)
+    }
+
     /// Adds the best candidate of a round to the last step; `None` where no judge or not every judge is convinced.
-    pub fn round(&self, found: &mut Found, nested: &Fit, round: &Round) -> Result<Option<Step>, SimulationError> {
+    pub fn round(&self, found: &mut Found, round: &Round) -> Result<Option<Step>, SimulationError> {
         let last = found.last().clone();
         let largest = misfit::largest(&found.parts(self.problem, &last));
         let open = self.open(&last.fit);
         // a model that has taken an effect up fits its own data better than others
         let (gross, left_out) = (largest > GROSS, misfit::largest(&self.left(found, &last)));
         tracing::info!(largest, left_out, "misfit, noise floors");
-        let guided = self.guided(nested, gross || left_out > GROSS);
-        let guided = guided.as_ref();
+        let guided = if gross || left_out > GROSS { round.guided(self) } else { None };
         let bases = Bases { scene: &round.scene, component: self.component, short: &self.short, guided, gross };
         let shortlist = self.shortlist(round, &open, &bases)?;
         let mut refits = refit_all(&self.brief, &bases, round, &shortlist, f64::INFINITY, self.progress);
@@ -276,7 +297,7 @@ impl<'a> Search<'a> {
             return Ok(None);
         };
         let fit = self.reseated(found, fit)?;
-        let rivals = rivals(&self.brief, &refits, nested.cost)?;
+        let rivals = rivals(&self.brief, &refits, round.scene.fit.cost)?;
         let next_experiment = match rivals.first() {
             Some(rival) => Some(where_they_differ(&self.brief, &best.fit, &rival.fit)?),
             None => None,
@@ -298,6 +319,9 @@ impl<'a> Search<'a> {
         if let Some(lean) = self.without_needless(&step, &best.fit)? {
             let (begun, ended) = ((&last.ids(), last.fit.cost), (&lean.ids(), lean.fit.cost));
             return Ok(if is_back(begun, ended) { None } else { Some(lean) });
+        }
+        if self.is_beside_the_point(found, &last, &step) {
+            return Ok(Some(step));
         }
         self.reviewed(found, step, &best.fit).map(Some)
     }
