@@ -116,6 +116,12 @@ const SUBSTANTIAL: f64 = 0.05;
 const DISAGREE: f64 = 0.3;
 /// Most effects that are named together. With more the data are fitted by any names.
 const MOST_EFFECTS: usize = 2;
+/// Most names that a misfit of this size (largest structured residual, noise floors) can bear: one that is hardly more than noise is fitted by many a
+/// pair, whatever its cause.
+fn most_names(largest: f64) -> usize {
+    if largest > CLEAR { MOST_EFFECTS } else { 1 }
+}
+
 /// Rounds in which they are looked for: a name that a later one makes needless leaves its place.
 const MOST_ROUNDS: usize = 3;
 
@@ -196,7 +202,9 @@ pub fn diagnose_declared(
         let largest = misfit::largest(&found.parts(search.problem, found.last()));
         tracing::info!(number, largest, "structured residual, noise floors");
         // what is left of an effect whose form differs a little is not a second effect
-        if found.last().names.len() >= MOST_EFFECTS || largest < if number == 0 { MATERIAL } else { SECOND } {
+        if found.last().names.len() >= search.most_names(&found)
+            || largest < if number == 0 { MATERIAL } else { SECOND }
+        {
             break;
         }
         let step = if number == 0 {
@@ -228,6 +236,11 @@ pub fn diagnose_declared(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_hardly_more_than_noise_bears_one_name() {
+        assert_eq!((most_names(0.5), most_names(5.0)), (1, 2));
+    }
 
     #[test]
     fn plain_losses_are_coulomb_friction_below_what_was_seen() {

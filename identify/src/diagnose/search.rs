@@ -15,6 +15,7 @@ use super::round::Round;
 use super::under_guide::UnderGuide;
 use super::{
     BRIEF_S, CLEAR, Declared, EXPLAINED, GROSS, LEVEL, LOST, MATERIAL, PREFERRED, Ranked, SHORT_S, SUBSTANTIAL,
+    most_names,
 };
 use crate::colour::{Colour, colours};
 use crate::fit::{FAR, Fit};
@@ -270,6 +271,11 @@ impl<'a> Search<'a> {
         Ok(most < A_GOOD_PART * left)
     }
 
+    /// How many names what the reference model leaves can bear.
+    pub fn most_names(&self, found: &Found) -> usize {
+        most_names(misfit::largest(&found.parts(self.problem, &found.steps[0])))
+    }
+
     /// Adds the best candidate of a round to the last step; `None` where no judge or not every judge is convinced.
     pub fn round(&self, found: &mut Found, round: &Round) -> Result<Option<Step>, SimulationError> {
         let last = found.last().clone();
@@ -280,7 +286,9 @@ impl<'a> Search<'a> {
         tracing::info!(largest, left_out, "misfit, noise floors");
         let guided = if gross || left_out > GROSS { round.guided(self) } else { None };
         let bases = Bases { scene: &round.scene, component: self.component, short: &self.short, guided, gross };
-        let shortlist = self.shortlist(round, &open, &bases)?;
+        let mut shortlist = self.shortlist(round, &open, &bases)?;
+        let room = self.most_names(found) - last.names.len();
+        shortlist.retain(|set| set.len() <= room);
         let mut refits = refit_all(&self.brief, &bases, round, &shortlist, f64::INFINITY, self.progress);
         // what looks like the best one must be refitted too before that is named
         let alike = look_alikes(round, &refits, &open);
