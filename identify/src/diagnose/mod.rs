@@ -116,12 +116,6 @@ const SUBSTANTIAL: f64 = 0.05;
 const DISAGREE: f64 = 0.3;
 /// Most effects that are named together. With more the data are fitted by any names.
 const MOST_EFFECTS: usize = 2;
-/// Most names that a misfit of this size (largest structured residual, noise floors) can bear: one that is hardly more than noise is fitted by many a
-/// pair, whatever its cause.
-fn most_names(largest: f64) -> usize {
-    if largest > CLEAR { MOST_EFFECTS } else { 1 }
-}
-
 /// Rounds in which they are looked for: a name that a later one makes needless leaves its place.
 const MOST_ROUNDS: usize = 3;
 
@@ -137,6 +131,12 @@ const GROSS: f64 = 1.5;
 /// A gross misfit of which the best single name explains less than this share, on data left out and of the fit's cost, is not one of two
 /// names: of two the better one explains about half, or more.
 const LOST: f64 = 1.0 / 3.0;
+
+/// Most names that a misfit of this size (largest structured residual, noise floors) can bear: one that is hardly more than noise is fitted by many a
+/// pair, whatever its cause.
+fn most_names(largest: f64) -> usize {
+    if largest > CLEAR { MOST_EFFECTS } else { 1 }
+}
 
 /// Runs the whole chain with the whole library.
 ///

@@ -287,7 +287,7 @@ impl<'a> Search<'a> {
         let guided = if gross || left_out > GROSS { round.guided(self) } else { None };
         let bases = Bases { scene: &round.scene, component: self.component, short: &self.short, guided, gross };
         let mut shortlist = self.shortlist(round, &open, &bases)?;
-        let room = self.most_names(found) - last.names.len();
+        let room = self.most_names(found).saturating_sub(last.names.len());
         shortlist.retain(|set| set.len() <= room);
         let mut refits = refit_all(&self.brief, &bases, round, &shortlist, f64::INFINITY, self.progress);
         // what looks like the best one must be refitted too before that is named
