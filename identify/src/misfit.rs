@@ -1,8 +1,7 @@
 //! How large the structured part of the residual is, where it sits, and whether it is more than noise.
 
-use recordings::Protocol;
-
 use model::integrate::SimulationError;
+use recordings::Protocol;
 
 use crate::colour::{Colour, colours};
 use crate::fit::Fit;
@@ -110,4 +109,26 @@ fn weighted(part: &Part) -> f64 {
 /// Sum of the structured mean squares, weighted.
 pub fn total(parts: &[Part]) -> f64 {
     parts.iter().map(weighted).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn part(free: bool, structured: f64, samples: f64) -> Part {
+        let (run, protocol, channel) = (0, None, Channel::Angle);
+        Part { run, protocol, free, channel, structured, samples, significance: 10.0 }
+    }
+
+    #[test]
+    fn cost_is_that_of_all_samples_and_of_inputs_errors_a_little() {
+        // a bias of 0.3 standard deviations of a sample costs its square a sample
+        assert!((cost(&[part(true, 0.09, 1000.0)]) - 90.0).abs() < 1e-9);
+        assert_eq!(cost(&[part(true, -0.01, 1000.0)]), 0.0, "less than noise is none");
+        let led = cost(&[part(false, 0.09, 1000.0)]);
+        assert!((led - 0.04 * 90.0).abs() < 1e-9, "where the lever is led its angle is an input: {led}");
+        let both = [part(true, 0.09, 1000.0), part(true, 0.09, 500.0)];
+        assert!((cost(&both) - 135.0).abs() < 1e-9);
+        assert!((largest(&both) - 0.3).abs() < 1e-12, "which the largest does not add up");
+    }
 }

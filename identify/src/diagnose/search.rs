@@ -28,6 +28,12 @@ use crate::shapes;
 /// Share of what is left that a second name does at least linearly, where it is one that does nearly all of it.
 const A_GOOD_PART: f64 = 0.5;
 
+/// What names leave, `of_whole` as a share of what there was, is no substantial part of it, so a second name would have to do nearly all of it; and no
+/// candidate does a good part of it even linearly (`linearly`, as a share of what is left).
+fn matter_of_form(of_whole: f64, linearly: f64) -> bool {
+    of_whole < SUBSTANTIAL && linearly < A_GOOD_PART
+}
+
 /// What a fit leaves is more than a small effect would.
 pub(super) fn is_gross(problem: &Problem, fit: &Fit, colours: &[Colour]) -> Result<bool, SimulationError> {
     let residual = problem.residuals(&fit.layout, &fit.point)?;
@@ -253,13 +259,10 @@ impl<'a> Search<'a> {
         misfit::largest(&left) > GROSS && misfit::total(&left) > (1.0 - LOST) * before && of_cost < LOST
     }
 
-    /// What is left is no substantial part of the whole, so a second name would have to do nearly all of it; and no candidate does a good part of it
-    /// even linearly. It is a matter of the form of what is named.
+    /// What is left is a matter of the form of what is named ([`matter_of_form`]).
     pub fn is_settled(&self, found: &Found, round: &Round) -> Result<bool, SimulationError> {
         let total = |step: &Step| misfit::total(&self.left(found, step));
-        if total(found.last()) >= SUBSTANTIAL * total(&found.steps[0]) {
-            return Ok(false);
-        }
+        let of_whole = total(found.last()) / total(&found.steps[0]);
         let fit = round.scene.fit;
         let residual = self.brief.residuals(&fit.layout, &fit.point)?;
         let left = misfit::cost(&misfit::parts(&self.brief, &residual, &found.colours));
@@ -267,8 +270,8 @@ impl<'a> Search<'a> {
             round.gram.gain(&set.iter().flat_map(|e| round.of(e.header().id)).collect::<Vec<_>>())
         };
         let most = round.shortlist(&self.open(fit), 3).into_iter().map(gain).fold(0.0, f64::max);
-        tracing::info!(left, most, "what a second name could do, linearly");
-        Ok(most < A_GOOD_PART * left)
+        tracing::info!(of_whole, left, most, "what a second name could do, linearly");
+        Ok(matter_of_form(of_whole, most / left))
     }
 
     /// How many names what the reference model leaves can bear.
@@ -382,5 +385,13 @@ mod tests {
         assert!(!is_back((&one, 100.0), (&one, 90.0)), "the same name in a better minimum");
         assert!(!is_back((&one, 100.0), (&other, 100.0)), "another in its place");
         assert!(!is_back((&BTreeSet::new(), 100.0), (&one, 100.0)), "one more");
+    }
+
+    #[test]
+    fn what_no_candidate_does_a_good_part_of_is_a_matter_of_form_unless_it_is_much() {
+        assert!(matter_of_form(0.001, 0.1));
+        assert!(!matter_of_form(0.1, 0.1), "much is left: two may act");
+        assert!(!matter_of_form(0.001, 0.9), "a candidate does nearly all that is left");
+        assert!(!matter_of_form(f64::NAN, f64::NAN), "nothing was there");
     }
 }
