@@ -72,10 +72,14 @@ pub fn parts(problem: &Problem, residuals: &[Vec<f64>], colours: &[Colour]) -> V
     out
 }
 
-/// How much of a misfit counts: all where the lever is free; where angle or pressures are inputs a fifth (RMS), for there
-/// the inputs' own errors show as misfit too.
+/// How much of a misfit counts: all where the lever is free. Where angle or pressures are inputs their own errors show as misfit too: a fifth (RMS)
+/// counts of what the oil does, which follows every one of them, and a half of what the torque sensor shows.
 fn weight(part: &Part) -> f64 {
-    if part.free { 1.0 } else { 0.04 }
+    match part.channel {
+        _ if part.free => 1.0,
+        Channel::Torque => 0.25,
+        _ => 0.04,
+    }
 }
 
 /// The largest structured residual that is more than noise, by its weight.
@@ -115,20 +119,22 @@ pub fn total(parts: &[Part]) -> f64 {
 mod tests {
     use super::*;
 
-    fn part(free: bool, structured: f64, samples: f64) -> Part {
-        let (run, protocol, channel) = (0, None, Channel::Angle);
+    fn part(free: bool, channel: Channel, structured: f64, samples: f64) -> Part {
+        let (run, protocol) = (0, None);
         Part { run, protocol, free, channel, structured, samples, significance: 10.0 }
     }
 
     #[test]
-    fn cost_is_that_of_all_samples_and_of_inputs_errors_a_little() {
+    fn cost_is_that_of_all_samples_and_where_there_are_inputs_a_part_counts() {
+        let free = |structured, samples| part(true, Channel::Angle, structured, samples);
         // a bias of 0.3 standard deviations of a sample costs its square a sample
-        assert!((cost(&[part(true, 0.09, 1000.0)]) - 90.0).abs() < 1e-9);
-        assert_eq!(cost(&[part(true, -0.01, 1000.0)]), 0.0, "less than noise is none");
-        let led = cost(&[part(false, 0.09, 1000.0)]);
-        assert!((led - 0.04 * 90.0).abs() < 1e-9, "where the lever is led its angle is an input: {led}");
-        let both = [part(true, 0.09, 1000.0), part(true, 0.09, 500.0)];
+        assert!((cost(&[free(0.09, 1000.0)]) - 90.0).abs() < 1e-9);
+        assert_eq!(cost(&[free(-0.01, 1000.0)]), 0.0, "less than noise is none");
+        let both = [free(0.09, 1000.0), free(0.09, 500.0)];
         assert!((cost(&both) - 135.0).abs() < 1e-9);
         assert!((largest(&both) - 0.3).abs() < 1e-12, "which the largest does not add up");
+        let led = |channel| largest(&[part(false, channel, 4.0, 100.0)]);
+        assert!((led(Channel::Pressure1) - 0.4).abs() < 1e-12, "where the lever is led its angle is an input");
+        assert!((led(Channel::Torque) - 1.0).abs() < 1e-12);
     }
 }

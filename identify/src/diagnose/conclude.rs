@@ -214,10 +214,10 @@ impl Leaves {
     /// Either what they leave is noise. Or the last of them explains the overwhelming share of what was there before it, or
     /// together they leave no substantial part of the whole, and every run asks for the same size of it: then the rest is a matter of
     /// form, for another effect never has the form of an error exactly. A second name does a substantial part of the whole, or nearly all
-    /// that was left, down to noise. Names that each explain part of a misfit which stays are none. What two names
+    /// that was left, down to noise, or leaves nothing that matters. Names that each explain part of a misfit which stays are none. What two names
     /// leave has no bound in noise floors: on measured data what is known of a machine leaves three (EMPS), imitations leave from one to five.
     fn explained(&self) -> Explains {
-        let complete = self.largest < CONSISTENT && self.share >= COMPLETE;
+        let complete = self.largest < MATERIAL || (self.largest < CONSISTENT && self.share >= COMPLETE);
         let substantial = self.first || self.of_whole >= SUBSTANTIAL || complete;
         let overwhelming = self.share >= EXPLAINED || self.next_to_nothing;
         if substantial && (self.largest < CONSISTENT || (overwhelming && self.agreed)) {
@@ -310,6 +310,7 @@ mod tests {
         assert_eq!(Leaves { share: 0.6, ..form }.explained(), Explains::No);
         let second = Leaves { first: false, of_whole: 0.01, ..noise };
         assert_eq!(second.explained(), Explains::No, "neither much nor all");
+        assert_eq!(Leaves { largest: 0.05, ..second }.explained(), Explains::Yes, "what it leaves does not matter");
         assert_eq!(Leaves { share: 0.95, ..second }.explained(), Explains::Yes);
         let idle = Leaves { largest: 3.0, share: 0.3, ..second };
         assert!(idle.beside_the_point() && idle.explained() == Explains::No);

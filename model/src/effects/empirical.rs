@@ -13,12 +13,51 @@ const fn term(name: &'static str, unit: &'static str, typical: f64) -> Parameter
     Parameter { name, unit, lower: -1e3, upper: 1e3, typical, size: true }
 }
 
+/// The typical size of each term, the others at nothing.
+const fn typical<const N: usize>(terms: &[Parameter; N]) -> [[f64; N]; N] {
+    let mut out = [[0.0; N]; N];
+    let mut i = 0;
+    while i < N {
+        out[i][i] = terms[i].typical;
+        i += 1;
+    }
+    out
+}
+
+/// The rows as a header's starts.
+const fn each_alone<const N: usize>(rows: &'static [[f64; N]; N]) -> [&'static [f64]; N] {
+    let mut out: [&'static [f64]; N] = [&[]; N];
+    let mut i = 0;
+    while i < N {
+        out[i] = &rows[i];
+        i += 1;
+    }
+    out
+}
+
 const VALIDITY: &str = "the range of the data it was fitted to";
 const MEASURE: &str = "not a physical effect: look at the curve for one";
 /// Growth with running time, 1 - exp(-t/30 s).
 fn grown(time_s: f64) -> f64 {
     1.0 - (-time_s / 30.0).exp()
 }
+
+static TORQUE: [Parameter; 13] = [
+    term("constant", "Nm", 0.02),
+    term("angle2", "Nm", 0.05),
+    term("angle3", "Nm", 0.05),
+    term("angle4", "Nm", 0.05),
+    term("angle5", "Nm", 0.05),
+    term("direction", "Nm", 0.02),
+    term("direction_angle2", "Nm", 0.05),
+    term("direction_load", "Nm/bar", 0.02),
+    term("load_angle", "Nm/bar", 0.02),
+    term("dp_angle2", "Nm/bar", 0.05),
+    term("time_direction", "Nm", 0.05),
+    term("past_angle", "Nm", 0.05),
+    term("velocity_square", "Nm s2/rad2", 0.05),
+];
+static TORQUE_STARTS: [[f64; 13]; 13] = typical(&TORQUE);
 
 /// Torque as a function of angle, velocity, pressures, time and of the angle's past.
 pub struct EmpiricalTorque;
@@ -33,31 +72,9 @@ impl Law for EmpiricalTorque {
         validity: VALIDITY,
         measure: MEASURE,
         literature: "",
-        parameters: &[
-            term("constant", "Nm", 0.02),
-            term("angle2", "Nm", 0.05),
-            term("angle3", "Nm", 0.05),
-            term("direction", "Nm", 0.02),
-            term("direction_angle2", "Nm", 0.05),
-            term("direction_load", "Nm/bar", 0.02),
-            term("load_angle", "Nm/bar", 0.02),
-            term("dp_angle2", "Nm/bar", 0.05),
-            term("time_direction", "Nm", 0.05),
-            term("past_angle", "Nm", 0.05),
-        ],
+        parameters: &TORQUE,
         states: 1,
-        starts: &[
-            &[0.02, 0., 0., 0., 0., 0., 0., 0., 0., 0.],
-            &[0., 0.05, 0., 0., 0., 0., 0., 0., 0., 0.],
-            &[0., 0., 0.05, 0., 0., 0., 0., 0., 0., 0.],
-            &[0., 0., 0., 0.02, 0., 0., 0., 0., 0., 0.],
-            &[0., 0., 0., 0., 0.05, 0., 0., 0., 0., 0.],
-            &[0., 0., 0., 0., 0., 0.02, 0., 0., 0., 0.],
-            &[0., 0., 0., 0., 0., 0., 0.02, 0., 0., 0.],
-            &[0., 0., 0., 0., 0., 0., 0., 0.05, 0., 0.],
-            &[0., 0., 0., 0., 0., 0., 0., 0., 0.05, 0.],
-            &[0., 0., 0., 0., 0., 0., 0., 0., 0., 0.05],
-        ],
+        starts: &each_alone(&TORQUE_STARTS),
         passive: false,
     };
 
@@ -69,12 +86,12 @@ impl Law for EmpiricalTorque {
             // what the angle was half a second ago
             dx[0] = (a - x[0]) / 0.5;
             m.torque_nm += k[0]
-                + k[1] * a2
-                + k[2] * a2 * a
-                + direction * (k[3] + k[4] * a2 + k[5] * m.load_bar + k[8] * grown(m.time_s))
-                + k[6] * m.load_bar * a
-                + k[7] * m.dp_bar * a2
-                + k[9] * (a - x[0]);
+                + ((k[3] + k[4] * a) * a2 + k[1] + k[2] * a) * a2
+                + direction * (k[5] + k[6] * a2 + k[7] * m.load_bar + k[10] * grown(m.time_s))
+                + k[8] * m.load_bar * a
+                + k[9] * m.dp_bar * a2
+                + k[11] * (a - x[0])
+                + k[12] * m.velocity_rad_s * m.velocity_rad_s.abs();
         }
     }
 
@@ -82,6 +99,23 @@ impl Law for EmpiricalTorque {
         x[0] = rest.angle_rad / 0.7;
     }
 }
+
+static FLOW: [Parameter; 13] = [
+    term("leak_both", "ml/(s bar)", 0.002),
+    term("leak_difference", "ml/(s bar)", 0.002),
+    term("leak_square", "ml/(s bar^2)", 0.001),
+    term("transfer", "ml/(s bar)", 0.01),
+    term("transfer_cubic", "ml/(s bar^3)", 0.01),
+    term("capacity_low_pressure", "ml bar", 0.1),
+    term("capacity_low_pressure_difference", "ml bar", 0.1),
+    term("capacity_difference", "ml/bar", 0.02),
+    term("capacity_angle2", "ml/bar", 0.05),
+    term("displacement_pressure", "ml/(rad bar)", 0.2),
+    term("displacement_difference", "ml/rad", 0.2),
+    term("displacement_angle2", "ml/rad", 0.5),
+    term("past_pressure", "ml/(s bar)", 0.02),
+];
+static FLOW_STARTS: [[f64; 13]; 13] = typical(&FLOW);
 
 /// Flows into the chambers, their capacity and displacement.
 pub struct EmpiricalFlow;
@@ -96,33 +130,9 @@ impl Law for EmpiricalFlow {
         validity: VALIDITY,
         measure: MEASURE,
         literature: "",
-        parameters: &[
-            term("leak_both", "ml/(s bar)", 0.002),
-            term("leak_difference", "ml/(s bar)", 0.002),
-            term("transfer", "ml/(s bar)", 0.01),
-            term("transfer_cubic", "ml/(s bar^3)", 0.01),
-            term("capacity_low_pressure", "ml bar", 0.1),
-            term("capacity_difference", "ml/bar", 0.02),
-            term("capacity_angle2", "ml/bar", 0.05),
-            term("displacement_pressure", "ml/(rad bar)", 0.2),
-            term("displacement_difference", "ml/rad", 0.2),
-            term("displacement_angle2", "ml/rad", 0.5),
-            term("past_pressure", "ml/(s bar)", 0.02),
-        ],
+        parameters: &FLOW,
         states: 2,
-        starts: &[
-            &[0.002, 0., 0., 0., 0., 0., 0., 0., 0., 0., 0.],
-            &[0., 0.002, 0., 0., 0., 0., 0., 0., 0., 0., 0.],
-            &[0., 0., 0.01, 0., 0., 0., 0., 0., 0., 0., 0.],
-            &[0., 0., 0., 0.01, 0., 0., 0., 0., 0., 0., 0.],
-            &[0., 0., 0., 0., 0.1, 0., 0., 0., 0., 0., 0.],
-            &[0., 0., 0., 0., 0., 0.02, 0., 0., 0., 0., 0.],
-            &[0., 0., 0., 0., 0., 0., 0.05, 0., 0., 0., 0.],
-            &[0., 0., 0., 0., 0., 0., 0., 0.2, 0., 0., 0.],
-            &[0., 0., 0., 0., 0., 0., 0., 0., 0.2, 0., 0.],
-            &[0., 0., 0., 0., 0., 0., 0., 0., 0., 0.5, 0.],
-            &[0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0.02],
-        ],
+        starts: &each_alone(&FLOW_STARTS),
         passive: false,
     };
 
@@ -131,7 +141,7 @@ impl Law for EmpiricalFlow {
             let dp = h.pressure_bar[0] - h.pressure_bar[1];
             let a = h.angle_rad / 0.7;
             if !h.shut_off {
-                let transfer = k[2] * dp + k[3] * dp * dp * dp;
+                let transfer = k[3] * dp + k[4] * dp * dp * dp;
                 h.flow_ml_s[0] -= transfer;
                 h.flow_ml_s[1] += transfer;
             }
@@ -140,9 +150,9 @@ impl Law for EmpiricalFlow {
                 let gauge = p - AMBIENT_BAR;
                 // half a second's memory of the pressure
                 dx[i] = (p - x[i]) / 0.5;
-                h.flow_ml_s[i] -= gauge * (k[0] + k[1] * side) + k[10] * (p - x[i]);
-                h.capacity_ml_bar[i] += k[4] / (p * p) + k[5] * side + k[6] * a * a;
-                h.displacement_ml_rad[i] += k[7] * (p - 2.5) * side + k[8] + k[9] * a * a * side;
+                h.flow_ml_s[i] -= gauge * (k[0] + k[1] * side + k[2] * gauge.abs()) + k[12] * (p - x[i]);
+                h.capacity_ml_bar[i] += (k[5] + k[6] * side) / (p * p) + k[7] * side + k[8] * a * a;
+                h.displacement_ml_rad[i] += k[9] * (p - 2.5) * side + k[10] + k[11] * a * a * side;
             }
         }
     }
@@ -151,6 +161,21 @@ impl Law for EmpiricalFlow {
         x.copy_from_slice(&rest.pressure_bar);
     }
 }
+
+static PUMP: [Parameter; 11] = [
+    term("voltage2", "ml/s", 0.05),
+    term("voltage_square_odd", "ml/s", 0.05),
+    term("voltage3", "ml/s", 0.05),
+    term("dp_voltage2", "ml/(s bar)", 0.05),
+    term("dp3", "ml/(s bar^3)", 0.01),
+    term("time_dp", "ml/(s bar)", 0.02),
+    term("time_voltage", "ml/s", 0.05),
+    term("past_voltage_fast", "ml/s", 0.5),
+    term("past_voltage_slow", "ml/s", 0.2),
+    term("after_opening", "ml/s", 2.0),
+    term("after_closing", "ml/s", 2.0),
+];
+static PUMP_STARTS: [[f64; 11]; 11] = typical(&PUMP);
 
 /// Flow through pump and line.
 pub struct EmpiricalPump;
@@ -165,31 +190,9 @@ impl Law for EmpiricalPump {
         validity: VALIDITY,
         measure: MEASURE,
         literature: "",
-        parameters: &[
-            term("voltage2", "ml/s", 0.05),
-            term("voltage_square_odd", "ml/s", 0.05),
-            term("voltage3", "ml/s", 0.05),
-            term("dp_voltage2", "ml/(s bar)", 0.05),
-            term("dp3", "ml/(s bar^3)", 0.01),
-            term("time_dp", "ml/(s bar)", 0.02),
-            term("time_voltage", "ml/s", 0.05),
-            term("past_voltage_fast", "ml/s", 0.5),
-            term("past_voltage_slow", "ml/s", 0.2),
-            term("past_opening", "ml/s", 2.0),
-        ],
+        parameters: &PUMP,
         states: 3,
-        starts: &[
-            &[0.05, 0., 0., 0., 0., 0., 0., 0., 0., 0.],
-            &[0., 0.05, 0., 0., 0., 0., 0., 0., 0., 0.],
-            &[0., 0., 0.05, 0., 0., 0., 0., 0., 0., 0.],
-            &[0., 0., 0., 0.05, 0., 0., 0., 0., 0., 0.],
-            &[0., 0., 0., 0., 0.01, 0., 0., 0., 0., 0.],
-            &[0., 0., 0., 0., 0., 0.02, 0., 0., 0., 0.],
-            &[0., 0., 0., 0., 0., 0., 0.05, 0., 0., 0.],
-            &[0., 0., 0., 0., 0., 0., 0., 0.5, 0., 0.],
-            &[0., 0., 0., 0., 0., 0., 0., 0., 0.2, 0.],
-            &[0., 0., 0., 0., 0., 0., 0., 0., 0., 2.0],
-        ],
+        starts: &each_alone(&PUMP_STARTS),
         passive: false,
     };
 
@@ -198,9 +201,10 @@ impl Law for EmpiricalPump {
             let u = l.voltage_v / 24.0;
             dx[0] = (u - x[0]) / 0.01;
             dx[1] = (u - x[1]) / 0.2;
-            // what a valve passes shortly after it was switched
+            // what a valve passes shortly after it was switched; it need not open as it closes
             dx[2] = (l.opening - x[2]) / 0.05;
-            l.flow_ml_s += k[9] * (x[2] - l.opening) * u;
+            let past = x[2] - l.opening;
+            l.flow_ml_s += if past.value() < 0.0 { k[9] } else { k[10] } * past * u;
             if l.open {
                 let dp = l.dp_bar;
                 l.flow_ml_s += k[0] * u * u
@@ -221,6 +225,24 @@ impl Law for EmpiricalPump {
     }
 }
 
+static SENSOR: [Parameter; 14] = [
+    term("angle_zero", "deg", 0.05),
+    term("angle_gain", "1", 0.002),
+    term("pressure1_zero", "bar", 0.02),
+    term("pressure2_zero", "bar", 0.02),
+    term("pressure1_gain", "1", 0.005),
+    term("pressure2_gain", "1", 0.005),
+    term("pressure1_drift", "bar", 0.02),
+    term("pressure2_drift", "bar", 0.02),
+    term("pressure1_past", "1", 0.05),
+    term("pressure2_past", "1", 0.05),
+    term("angle_square", "deg", 0.05),
+    term("angle_cubic", "deg", 0.05),
+    term("pressure1_square", "1/bar", 0.005),
+    term("pressure2_square", "1/bar", 0.005),
+];
+static SENSOR_STARTS: [[f64; 14]; 14] = typical(&SENSOR);
+
 /// What the sensors show.
 pub struct EmpiricalSensor;
 
@@ -234,39 +256,9 @@ impl Law for EmpiricalSensor {
         validity: VALIDITY,
         measure: MEASURE,
         literature: "",
-        parameters: &[
-            term("angle_zero", "deg", 0.05),
-            term("angle_gain", "1", 0.002),
-            term("pressure1_zero", "bar", 0.02),
-            term("pressure2_zero", "bar", 0.02),
-            term("pressure1_gain", "1", 0.005),
-            term("pressure2_gain", "1", 0.005),
-            term("pressure1_drift", "bar", 0.02),
-            term("pressure2_drift", "bar", 0.02),
-            term("pressure1_past", "1", 0.05),
-            term("pressure2_past", "1", 0.05),
-            term("angle_square", "deg", 0.05),
-            term("angle_cubic", "deg", 0.05),
-            term("pressure1_square", "1/bar", 0.005),
-            term("pressure2_square", "1/bar", 0.005),
-        ],
+        parameters: &SENSOR,
         states: 2,
-        starts: &[
-            &[0.05, 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0.],
-            &[0., 0.002, 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0.],
-            &[0., 0., 0.02, 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0.],
-            &[0., 0., 0., 0.02, 0., 0., 0., 0., 0., 0., 0., 0., 0., 0.],
-            &[0., 0., 0., 0., 0.005, 0., 0., 0., 0., 0., 0., 0., 0., 0.],
-            &[0., 0., 0., 0., 0., 0.005, 0., 0., 0., 0., 0., 0., 0., 0.],
-            &[0., 0., 0., 0., 0., 0., 0.02, 0., 0., 0., 0., 0., 0., 0.],
-            &[0., 0., 0., 0., 0., 0., 0., 0.02, 0., 0., 0., 0., 0., 0.],
-            &[0., 0., 0., 0., 0., 0., 0., 0., 0.05, 0., 0., 0., 0., 0.],
-            &[0., 0., 0., 0., 0., 0., 0., 0., 0., 0.05, 0., 0., 0., 0.],
-            &[0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0.05, 0., 0., 0.],
-            &[0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0.05, 0., 0.],
-            &[0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0.005, 0.],
-            &[0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0.005],
-        ],
+        starts: &each_alone(&SENSOR_STARTS),
         passive: false,
     };
 
@@ -296,13 +288,13 @@ impl Law for EmpiricalSensor {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::port::LinePort;
+    use crate::port::{HydraulicPort, LinePort};
 
     const VOLTAGE_V: f64 = 12.0;
 
-    /// Flow that `past_opening` alone adds at this opening, and how its memory moves.
-    fn past_opening(x: &[f64; 3], opening: f64) -> (f64, f64) {
-        let n = EmpiricalPump::HEADER.parameters.iter().position(|p| p.name == "past_opening").unwrap();
+    /// Flow that a term alone adds at this opening, and how the valve's memory moves.
+    fn past(term: &str, x: &[f64; 3], opening: f64) -> (f64, f64) {
+        let n = EmpiricalPump::HEADER.parameters.iter().position(|p| p.name == term).unwrap();
         let mut k = vec![0.0; EmpiricalPump::HEADER.parameters.len()];
         k[n] = 3.0;
         let mut line = LinePort { opening, open: opening > 0.0, ..LinePort::open(1.0, VOLTAGE_V, 0.7) };
@@ -312,14 +304,35 @@ mod tests {
     }
 
     #[test]
-    fn a_valve_s_past_acts_after_a_switch_alone_and_is_forgotten() {
+    fn a_valve_s_past_acts_after_its_switch_alone_and_is_forgotten() {
         let settled = |opening: f64| [VOLTAGE_V / 24.0, VOLTAGE_V / 24.0, opening];
-        for opening in [0.0, 1.0] {
-            assert_eq!(past_opening(&settled(opening), opening), (0.0, 0.0), "a valve that stands");
+        for term in ["after_opening", "after_closing"] {
+            for opening in [0.0, 1.0] {
+                assert_eq!(past(term, &settled(opening), opening), (0.0, 0.0), "a valve that stands");
+            }
         }
-        let (after_closing, falls) = past_opening(&settled(1.0), 0.0);
-        let (after_opening, rises) = past_opening(&settled(0.0), 1.0);
-        assert!(after_closing > 0.0 && after_closing == -after_opening, "oil still passes, or does not yet");
+        let (closed, falls) = past("after_closing", &settled(1.0), 0.0);
+        let (opened, rises) = past("after_opening", &settled(0.0), 1.0);
+        assert!(closed > 0.0 && closed == -opened, "oil still passes, or does not yet");
         assert!((falls, rises) == (-20.0, 20.0), "forgotten with 50 ms, 1/s");
+        assert_eq!(past("after_opening", &settled(1.0), 0.0).0, 0.0, "a valve may close at once");
+        assert_eq!(past("after_closing", &settled(0.0), 1.0).0, 0.0, "or open at once");
+    }
+
+    #[test]
+    fn what_one_chamber_lacks_and_what_grows_with_the_square_of_the_pressure_have_their_terms() {
+        let acts = |term: &str, pressure_bar: [f64; 2]| {
+            let n = EmpiricalFlow::HEADER.parameters.iter().position(|p| p.name == term).unwrap();
+            let mut k = vec![0.0; EmpiricalFlow::HEADER.parameters.len()];
+            k[n] = 0.3;
+            let mut port = HydraulicPort::at(1.0, pressure_bar);
+            EmpiricalFlow.act(&k, &pressure_bar, &mut [0.0; 2], &mut Port::Hydraulic(&mut port));
+            (port.flow_ml_s, port.capacity_ml_bar)
+        };
+        let (_, both) = acts("capacity_low_pressure", [2.0, 2.0]);
+        let (_, apart) = acts("capacity_low_pressure_difference", [2.0, 2.0]);
+        assert_eq!((both[0] + apart[0], both[1] + apart[1]), (0.15, 0.0), "air in chamber 1 alone");
+        let (flow, _) = acts("leak_square", [AMBIENT_BAR, AMBIENT_BAR + 2.0]);
+        assert!(flow[0] == 0.0 && (flow[1] + 1.2).abs() < 1e-12, "out of what is above ambient: {flow:?}");
     }
 }
