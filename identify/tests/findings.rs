@@ -187,8 +187,24 @@ fn terms_without_a_name_are_no_part_of_the_model_file_but_are_drawn() {
         "without its terms only the reference model stands for itself"
     );
     assert_eq!(analysis.findings.as_ref().unwrap().effects[0].id, "unrecognised");
+    assert!(says_confined(&analysis), "terms that make the validation worse are said to");
     let curve = analysis.figures.iter().flat_map(|f| &f.series).find(|s| s.name == "empirical_pump adds");
     assert!(curve.is_some_and(|s| s.y.iter().any(|v| v.abs() > 1e-3)), "the term is shown as a curve");
+}
+
+#[test]
+fn terms_without_a_name_that_carry_over_are_not_said_to_be_confined() {
+    let dir = tempfile::tempdir().unwrap();
+    let terms = EMPIRICAL[2].header().parameters;
+    // what the voltage was a moment ago: a pump lag, to first order
+    let values: Vec<f64> = terms.iter().map(|p| if p.name == "past_voltage_fast" { 14.0 } else { 0.0 }).collect();
+    let analysis = diagnosed(dir.path(), Verdict::Unrecognised, "empirical_pump", &values, &[]);
+    let better = analysis.findings.as_ref().unwrap().validation.iter().all(|v| v.rmse_after < v.rmse_before);
+    assert!(better && !says_confined(&analysis), "{:?}", analysis.headline);
+}
+
+fn says_confined(analysis: &Analysis) -> bool {
+    analysis.headline.iter().any(|line| line.contains("do not hold beyond the runs they were fitted to"))
 }
 
 #[test]

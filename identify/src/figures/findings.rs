@@ -15,6 +15,7 @@ pub(super) fn headline(subject: &Subject) -> Vec<String> {
     out.extend(errors(subject));
     out.extend(left_over(subject));
     out.extend(contradicted(subject));
+    out.extend(confined(subject));
     out.push(summary::parameters(subject));
     out.push(summary::checks(subject));
     out.extend(summary::torque_form(subject));
@@ -122,6 +123,19 @@ fn contradicted(subject: &Subject) -> Option<String> {
              explained. Runs with role validate decide nothing; a further run of that kind with role identify would let what \
              is missing be found.",
             number(ratio, 3)
+        )
+    })
+}
+
+/// Terms without a name that make the validation worse: whoever goes on with them must know.
+fn confined(subject: &Subject) -> Option<String> {
+    subject.diagnosis.filter(|d| d.verdict == Verdict::Unrecognised)?;
+    let ((before, ..), (after, run, column)) = (worst(subject, false)?, worst(subject, true)?);
+    (after > before).then(|| {
+        format!(
+            "The terms without a name do not hold beyond the runs they were fitted to: {column} of {run} is off by {} noise floors \
+             with them. They say where the residual sits, not what a run elsewhere would do.",
+            number(after, 3)
         )
     })
 }
