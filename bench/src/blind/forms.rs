@@ -8,7 +8,7 @@ use model::scalar::Scalar;
 
 /// The id that each form stands for, and the form.
 pub static FORMS: &[(&str, &dyn Effect)] = &[
-    ("elastic_hysteresis", &BoucWen),
+    ("elastic_hysteresis", &StickSlip),
     ("stribeck_friction", &StribeckRational),
     ("pressure_friction", &PressureFrictionRational),
     ("end_stop", &EndStopExponential),
@@ -64,25 +64,38 @@ const fn header(
     }
 }
 
-/// Hysteresis by Bouc and Wen with exponent 2 (Wen, J. Eng. Mech. 102, 1976).
-struct BoucWen;
+/// Hysteresis of two elements that stick and slip, one on a fifth of the other's way (Iwan, J. Appl. Mech. 33, 1966), each of them rounded off a
+/// little: the branches have two bends.
+struct StickSlip;
 
-impl Law for BoucWen {
+impl StickSlip {
+    /// Of each element: its share of the torque, and of the way.
+    const ELEMENTS: [(f64, f64); 2] = [(0.5, 0.4), (0.5, 2.0)];
+
+    /// z' of an element whose way is `d`.
+    fn rate<S: Scalar>(z: S, w: S, d: S) -> S {
+        let square = z * z;
+        (w - w.abs() * z * square * square) / d
+    }
+}
+
+impl Law for StickSlip {
     const HEADER: Header = header(
-        "elastic_hysteresis_bouc_wen",
+        "elastic_hysteresis_stick_slip",
         Balance::Torque,
         &[PortKind::Mechanical],
-        "M -= k*z, d*z' = w - (0.7*abs(w)*abs(z) + 0.3*w*z^2/abs(z))*z",
+        "M -= k*(z1 + z2)/2, 0.4*d*z1' = w - abs(w)*z1^5, 2*d*z2' = w - abs(w)*z2^5",
         &[size("k", "Nm", 10.0, 0.2), shape("d", "rad", 0.002, 1.5, 0.1)],
-        1,
+        2,
         &[&[0.1, 0.05], &[0.3, 0.15], &[0.3, 0.4]],
     );
 
     fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Mechanical(m) = port {
-            let (w, z) = (m.velocity_rad_s, x[0]);
-            dx[0] = (w - w.abs() * z.abs() * z * 0.7 - w * z * z * 0.3) / k[1];
-            m.torque_nm -= k[0] * z;
+            for (i, (torque, way)) in Self::ELEMENTS.into_iter().enumerate() {
+                dx[i] = Self::rate(x[i], m.velocity_rad_s, k[1] * way);
+                m.torque_nm -= k[0] * x[i] * torque;
+            }
         }
     }
 
@@ -91,11 +104,12 @@ impl Law for BoucWen {
         // along the way on which the lever was led, in steps that are short against d
         let Arrival::Led(way_rad) = rest.arrival else { return };
         for leg in way_rad.windows(2) {
-            let (way, side) = ((leg[1] - leg[0]).abs(), (leg[1] - leg[0]).signum());
-            let steps = (way / (0.02 * k[1].value())).ceil().min(5000.0);
+            let way = leg[1] - leg[0];
+            let steps = (way.abs() / (0.008 * k[1].value())).ceil().min(12_500.0);
             for _ in 0..steps as usize {
-                let z = x[0];
-                x[0] = z + (S::constant(side) - z.abs() * z * 0.7 - z * z * 0.3 * side) * (way / steps) / k[1];
+                for (z, (_, share)) in x.iter_mut().zip(Self::ELEMENTS) {
+                    *z += Self::rate(*z, S::constant(way / steps), k[1] * share);
+                }
             }
         }
     }

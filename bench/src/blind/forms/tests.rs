@@ -44,25 +44,25 @@ fn still(pressure_bar: [f64; 2]) -> Rest<'static, f64> {
 #[test]
 fn hysteresis_saturates_at_its_size_and_rests_where_the_way_there_left_it() {
     let (k, step) = ([0.4, 0.1], 1e-4);
-    let (mut x, mut dx) = ([0.0], [0.0]);
-    let way = [0.0f64, 0.3, 0.12, 0.25];
+    let (mut x, mut dx) = ([0.0; 2], [0.0; 2]);
+    let way = [0.0f64, 0.6, 0.42, 0.55];
     for leg in way.windows(2) {
         let w = (leg[1] - leg[0]).signum();
         for _ in 0..((leg[1] - leg[0]).abs() / step).round() as usize {
-            torque(&BoucWen, &k, (0.0, w), &x, &mut dx);
-            x[0] += step * dx[0];
-            assert!(x[0].abs() <= 1.0, "{x:?}");
+            torque(&StickSlip, &k, (0.0, w), &x, &mut dx);
+            x = [0, 1].map(|i| x[i] + step * dx[i]);
+            assert!(x.iter().all(|z| z.abs() <= 1.0), "{x:?}");
         }
-        if leg[1] == 0.3 {
-            assert!(x[0] > 0.99, "after three times d: {x:?}");
-            alike(torque(&BoucWen, &k, (0.0, 0.0), &x, &mut dx), -0.4 * x[0]);
-            assert_eq!(dx, [0.0], "nothing relaxes while the lever stands");
+        if leg[1] == 0.6 {
+            assert!(x.iter().all(|z| *z > 0.99), "after three times the longer way: {x:?}");
+            alike(torque(&StickSlip, &k, (0.0, 0.0), &x, &mut dx), -0.2 * (x[0] + x[1]));
+            assert_eq!(dx, [0.0; 2], "nothing relaxes while the lever stands");
         }
     }
-    let rest = Rest { arrival: Arrival::Led(&way), angle_rad: 0.25, ..still([2.0; 2]) };
-    let mut led = [7.0];
-    BoucWen.rest(&k, &rest, &mut led);
-    assert!((led[0] - x[0]).abs() < 0.01, "{led:?} for {x:?}");
+    let rest = Rest { arrival: Arrival::Led(&way), angle_rad: 0.55, ..still([2.0; 2]) };
+    let mut led = [7.0; 2];
+    StickSlip.rest(&k, &rest, &mut led);
+    assert!(led.iter().zip(x).all(|(a, b)| (a - b).abs() < 0.02), "{led:?} for {x:?}");
 }
 
 #[test]
