@@ -42,7 +42,7 @@ fn grown(time_s: f64) -> f64 {
     1.0 - (-time_s / 30.0).exp()
 }
 
-static TORQUE: [Parameter; 13] = [
+static TORQUE: [Parameter; 12] = [
     term("constant", "Nm", 0.02),
     term("angle2", "Nm", 0.05),
     term("angle3", "Nm", 0.05),
@@ -55,9 +55,8 @@ static TORQUE: [Parameter; 13] = [
     term("dp_angle2", "Nm/bar", 0.05),
     term("time_direction", "Nm", 0.05),
     term("past_angle", "Nm", 0.05),
-    term("velocity_square", "Nm s2/rad2", 0.05),
 ];
-static TORQUE_STARTS: [[f64; 13]; 13] = typical(&TORQUE);
+static TORQUE_STARTS: [[f64; 12]; 12] = typical(&TORQUE);
 
 /// Torque as a function of angle, velocity, pressures, time and of the angle's past.
 pub struct EmpiricalTorque;
@@ -90,8 +89,7 @@ impl Law for EmpiricalTorque {
                 + direction * (k[5] + k[6] * a2 + k[7] * m.load_bar + k[10] * grown(m.time_s))
                 + k[8] * m.load_bar * a
                 + k[9] * m.dp_bar * a2
-                + k[11] * (a - x[0])
-                + k[12] * m.velocity_rad_s * m.velocity_rad_s.abs();
+                + k[11] * (a - x[0]);
         }
     }
 
@@ -100,7 +98,7 @@ impl Law for EmpiricalTorque {
     }
 }
 
-static FLOW: [Parameter; 13] = [
+static FLOW: [Parameter; 14] = [
     term("leak_both", "ml/(s bar)", 0.002),
     term("leak_difference", "ml/(s bar)", 0.002),
     term("leak_square", "ml/(s bar^2)", 0.001),
@@ -110,12 +108,13 @@ static FLOW: [Parameter; 13] = [
     term("capacity_low_pressure_difference", "ml bar", 0.1),
     term("capacity_difference", "ml/bar", 0.02),
     term("capacity_angle2", "ml/bar", 0.05),
+    term("capacity_angle4", "ml/bar", 0.05),
     term("displacement_pressure", "ml/(rad bar)", 0.2),
     term("displacement_difference", "ml/rad", 0.2),
     term("displacement_angle2", "ml/rad", 0.5),
     term("past_pressure", "ml/(s bar)", 0.02),
 ];
-static FLOW_STARTS: [[f64; 13]; 13] = typical(&FLOW);
+static FLOW_STARTS: [[f64; 14]; 14] = typical(&FLOW);
 
 /// Flows into the chambers, their capacity and displacement.
 pub struct EmpiricalFlow;
@@ -150,9 +149,9 @@ impl Law for EmpiricalFlow {
                 let gauge = p - AMBIENT_BAR;
                 // half a second's memory of the pressure
                 dx[i] = (p - x[i]) / 0.5;
-                h.flow_ml_s[i] -= gauge * (k[0] + k[1] * side + k[2] * gauge.abs()) + k[12] * (p - x[i]);
-                h.capacity_ml_bar[i] += (k[5] + k[6] * side) / (p * p) + k[7] * side + k[8] * a * a;
-                h.displacement_ml_rad[i] += k[9] * (p - 2.5) * side + k[10] + k[11] * a * a * side;
+                h.flow_ml_s[i] -= gauge * (k[0] + k[1] * side + k[2] * gauge.abs()) + k[13] * (p - x[i]);
+                h.capacity_ml_bar[i] += (k[5] + k[6] * side) / (p * p) + k[7] * side + (k[8] + k[9] * a * a) * a * a;
+                h.displacement_ml_rad[i] += k[10] * (p - 2.5) * side + k[11] + k[12] * a * a * side;
             }
         }
     }
