@@ -115,6 +115,12 @@ pub fn total(parts: &[Part]) -> f64 {
     parts.iter().map(weighted).sum()
 }
 
+/// Sum of the structured mean squares, each run's each channel alike: what tells one balance from another. Where the lever is led no torque moves the
+/// oil, and the bench's pump has no chambers; the errors of inputs are the same for all.
+pub fn unweighted(parts: &[Part]) -> f64 {
+    parts.iter().map(|part| part.structured.max(0.0)).sum()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -136,5 +142,7 @@ mod tests {
         let led = |channel| largest(&[part(false, channel, 4.0, 100.0)]);
         assert!((led(Channel::Pressure1) - 0.4).abs() < 1e-12, "where the lever is led its angle is an input");
         assert!((led(Channel::Torque) - 1.0).abs() < 1e-12);
+        let mixed = [free(0.09, 1000.0), free(-0.01, 1000.0), part(false, Channel::Volume, 4.0, 10.0)];
+        assert!((total(&mixed) - 0.25).abs() < 1e-12 && (unweighted(&mixed) - 4.09).abs() < 1e-12);
     }
 }

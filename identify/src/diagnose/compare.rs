@@ -325,10 +325,8 @@ pub(super) fn empirical(
     let mut best: Option<(f64, Fit)> = None;
     for refit in refit_all(&search.brief, &bases, round, &sets, f64::INFINITY, search.progress) {
         let held_out = HoldOut::of(&search.brief, &refit.fit, &clusters)?.residuals();
-        // of all channels alike: where the lever is led no torque moves the oil, whatever errors the inputs have
-        let left: f64 = held_out.iter().flatten().map(|r| r * r).sum();
-        let weighted = misfit::total(&misfit::parts(&search.brief, &held_out, colours));
-        tracing::info!(term = ?refit.added, cost = refit.fit.cost, left, weighted, "nameless terms on data left out");
+        let left = misfit::unweighted(&misfit::parts(&search.brief, &held_out, colours));
+        tracing::info!(term = ?refit.added, cost = refit.fit.cost, left, "nameless terms on data left out");
         if best.as_ref().is_none_or(|(least, _)| left < *least) {
             best = Some((left, refit.fit));
         }

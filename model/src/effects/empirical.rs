@@ -161,11 +161,12 @@ impl Law for EmpiricalFlow {
     }
 }
 
-static PUMP: [Parameter; 11] = [
+static PUMP: [Parameter; 12] = [
     term("voltage2", "ml/s", 0.05),
     term("voltage_square_odd", "ml/s", 0.05),
     term("voltage3", "ml/s", 0.05),
     term("dp_voltage2", "ml/(s bar)", 0.05),
+    term("dp_square_odd", "ml/(s bar^2)", 0.02),
     term("dp3", "ml/(s bar^3)", 0.01),
     term("time_dp", "ml/(s bar)", 0.02),
     term("time_voltage", "ml/s", 0.05),
@@ -174,7 +175,7 @@ static PUMP: [Parameter; 11] = [
     term("after_opening", "ml/s", 2.0),
     term("after_closing", "ml/s", 2.0),
 ];
-static PUMP_STARTS: [[f64; 11]; 11] = typical(&PUMP);
+static PUMP_STARTS: [[f64; 12]; 12] = typical(&PUMP);
 
 /// Flow through pump and line.
 pub struct EmpiricalPump;
@@ -203,17 +204,17 @@ impl Law for EmpiricalPump {
             // what a valve passes shortly after it was switched; it need not open as it closes
             dx[2] = (l.opening - x[2]) / 0.05;
             let past = x[2] - l.opening;
-            l.flow_ml_s += if past.value() < 0.0 { k[9] } else { k[10] } * past * u;
+            l.flow_ml_s += if past.value() < 0.0 { k[10] } else { k[11] } * past * u;
             if l.open {
                 let dp = l.dp_bar;
                 l.flow_ml_s += k[0] * u * u
                     + k[1] * u * u.abs()
                     + k[2] * u * u * u
                     + k[3] * dp * u * u
-                    + k[4] * dp * dp * dp
-                    + (k[5] * dp + k[6] * u) * grown(l.time_s)
-                    + k[7] * (x[0] - u)
-                    + k[8] * (x[1] - u);
+                    + (k[4] * dp.abs() + k[5] * dp * dp) * dp
+                    + (k[6] * dp + k[7] * u) * grown(l.time_s)
+                    + k[8] * (x[0] - u)
+                    + k[9] * (x[1] - u);
             }
         }
     }
