@@ -288,7 +288,7 @@ impl Law for EmpiricalSensor {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::port::{HydraulicPort, LinePort};
+    use crate::port::{HydraulicPort, LinePort, MechanicalPort};
 
     const VOLTAGE_V: f64 = 12.0;
 
@@ -334,5 +334,30 @@ mod tests {
         assert_eq!((both[0] + apart[0], both[1] + apart[1]), (0.15, 0.0), "air in chamber 1 alone");
         let (flow, _) = acts("leak_square", [AMBIENT_BAR, AMBIENT_BAR + 2.0]);
         assert!(flow[0] == 0.0 && (flow[1] + 1.2).abs() < 1e-12, "out of what is above ambient: {flow:?}");
+    }
+
+    #[test]
+    fn a_slip_turns_with_the_pressure_and_what_is_even_or_odd_in_the_angle_is() {
+        let slip = |dp_bar: f64| {
+            let n = EmpiricalPump::HEADER.parameters.iter().position(|p| p.name == "dp_square_odd").unwrap();
+            let mut k = vec![0.0; EmpiricalPump::HEADER.parameters.len()];
+            k[n] = -0.5;
+            let mut line = LinePort::open(1.0, 0.0, dp_bar);
+            EmpiricalPump.act(&k, &[0.0, 0.0, 1.0], &mut [0.0; 3], &mut Port::Line(&mut line));
+            line.flow_ml_s
+        };
+        assert_eq!((slip(0.0), slip(2.0), slip(-2.0)), (0.0, -2.0, 2.0));
+        let torque = |term: &str, angle_rad: f64| {
+            let n = EmpiricalTorque::HEADER.parameters.iter().position(|p| p.name == term).unwrap();
+            let mut k = vec![0.0; EmpiricalTorque::HEADER.parameters.len()];
+            k[n] = 0.3;
+            let mut m = MechanicalPort::at(1.0, angle_rad, 0.0);
+            EmpiricalTorque.act(&k, &[angle_rad / 0.7], &mut [0.0], &mut Port::Mechanical(&mut m));
+            m.torque_nm
+        };
+        for (power, term) in [(2, "angle2"), (3, "angle3"), (4, "angle4"), (5, "angle5")] {
+            assert!((torque(term, 0.7) - 0.3).abs() < 1e-12, "{term}");
+            assert!((torque(term, -0.35) - 0.3 * (-0.5f64).powi(power)).abs() < 1e-12, "{term}");
+        }
     }
 }
