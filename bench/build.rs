@@ -1,5 +1,5 @@
-//! Tells the program out of which commit it is built: `REC_BENCH_COMMIT`. Where there is no git or no repository (a tarball) it is left out,
-//! and the program says `unknown`.
+//! Tells the program out of which commit it is built: `REC_BENCH_COMMIT`, and which commit last changed what a blind trial comes from:
+//! `REC_BENCH_DIAGNOSIS`. Where there is no git or no repository (a tarball) both are left out, and the program says `unknown`.
 
 use std::path::Path;
 use std::process::Command;
@@ -25,6 +25,18 @@ const SOURCES: [&str; 19] = [
     "bench/assets",
     "bench/rigs",
     "bench/src",
+];
+
+/// What a blind trial's result comes from: rigs, experiments, identification, diagnosis and the libraries below them.
+const DIAGNOSIS: [&str; 8] = [
+    "Cargo.lock",
+    "model/src",
+    "rt-core/src",
+    "recordings/src",
+    "profiles",
+    "drivers/src",
+    "identify/src",
+    "bench/src/blind",
 ];
 
 fn main() {
@@ -58,8 +70,14 @@ fn main() {
             watch(&root.join(path));
         }
     }
-    let status = ["status", "--porcelain", "--untracked-files=no", "--"].iter().chain(&SOURCES).copied();
-    let changed = git(&status.collect::<Vec<_>>()).is_none_or(|changes| !changes.is_empty());
-    let changes = if changed { " with changes" } else { "" };
-    println!("cargo::rustc-env=REC_BENCH_COMMIT={commit}{changes}");
+    let with_changes = |commit: &str, paths: &[&str]| {
+        let status = [&["status", "--porcelain", "--untracked-files=no", "--"], paths].concat();
+        let changed = git(&status).is_none_or(|changes| !changes.is_empty());
+        format!("{commit}{}", if changed { " with changes" } else { "" })
+    };
+    println!("cargo::rustc-env=REC_BENCH_COMMIT={}", with_changes(&commit, &SOURCES));
+    let last = git(&[&["log", "-1", "--abbrev=12", "--format=%h", "--"], &DIAGNOSIS[..]].concat());
+    if let Some(last) = last.filter(|last| !last.is_empty()) {
+        println!("cargo::rustc-env=REC_BENCH_DIAGNOSIS={}", with_changes(&last, &DIAGNOSIS));
+    }
 }

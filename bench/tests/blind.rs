@@ -64,6 +64,17 @@ fn a_case_is_diagnosed_opened_and_not_done_twice() {
     assert_eq!(table(&said), table(&text(&shared.stdout)));
     let counted: Value = serde_json::from_str(&fs::read_to_string(&elsewhere).unwrap()).unwrap();
     assert_eq!(counted["cases"], written["cases"], "what was counted is in the file");
+
+    // results of another diagnosis are shown as they are, and never added to
+    let mut other = written;
+    other["cases"][0]["diagnosis"] = "0123456789ab".into();
+    fs::write(&out, other.to_string()).unwrap();
+    assert!(blind(&arguments).status.success());
+    let refused = blind(&["--seed", SEED, "--cases", "2", "--out", out.to_str().unwrap()]);
+    let why = text(&refused.stderr);
+    assert_eq!(refused.status.code(), Some(2), "{why}");
+    ["case 0", "0123456789ab", "another --out"].iter().for_each(|words| assert!(why.contains(words), "{why}"));
+    assert_eq!(fs::read_to_string(&out).unwrap(), other.to_string());
 }
 
 #[test]

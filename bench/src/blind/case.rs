@@ -11,6 +11,9 @@ use std::collections::BTreeSet;
 pub struct Case {
     /// Number, from 0; with the seed it gives the case again.
     pub case: usize,
+    /// Commit that last changed what the result comes from; `None` where that is not known.
+    #[serde(default)]
+    pub diagnosis: Option<String>,
     /// What was drawn.
     pub kind: Kind,
     /// Rigs that could not run the experiments before this one.
@@ -201,6 +204,7 @@ pub(super) mod tests {
         });
         Case {
             case: 0,
+            diagnosis: None,
             kind: Kind::Weak,
             attempt: 0,
             rig: crate::blind::rig::draw(1, 0, 0),

@@ -78,6 +78,23 @@ impl Store {
         write_whole(file, &text).map_err(|e| Failure::of(Kind::Loss, &e)).map(drop)
     }
 
+    /// The cases are all of the diagnosis of this commit, so that it may add to them: figures of two are figures of neither.
+    ///
+    /// # Errors
+    /// One is of another or does not say of which (2).
+    pub fn is_of(&self, diagnosis: Option<&str>) -> Result<(), Failure> {
+        let Some(other) = self.cases.values().find(|c| c.diagnosis.as_deref() != diagnosis) else { return Ok(()) };
+        let known = |commit: Option<&str>| commit.unwrap_or("unknown").to_owned();
+        let message = format!(
+            "case {}: expected results of the diagnosis that this program holds (commit {}), got those of another (commit {}); \
+             name another --out, or ask only for cases that are there already",
+            other.case,
+            known(diagnosis),
+            known(other.diagnosis.as_deref()),
+        );
+        Err(Failure::new(Kind::Input, message))
+    }
+
     /// All cases, in order.
     pub fn cases(&self) -> Vec<Case> {
         self.cases.values().cloned().collect()

@@ -23,6 +23,8 @@ use model::parameters::AddedEffect;
 use std::path::Path;
 use std::time::Instant;
 
+/// Commit that last changed what a trial's result comes from; `None` where the program was not built out of a repository.
+pub const DIAGNOSIS: Option<&str> = option_env!("REC_BENCH_DIAGNOSIS");
 /// Rigs that are drawn for a case until one can run its experiments.
 const ATTEMPTS: u64 = 8;
 /// Runs with a free lever are this long where sizes are chosen, s.
@@ -141,6 +143,7 @@ const TOLERANCE: f64 = 0.7;
 fn diagnose_sealed(planned: &Planned, attempt: u64, rig: Rig, sealed: &Sealed, drawn: f64) -> Case {
     let mut out = Case {
         case: planned.case,
+        diagnosis: DIAGNOSIS.map(str::to_owned),
         kind: planned.kind,
         attempt,
         rig,

@@ -5,7 +5,7 @@ use super::results::aligned;
 use crate::blind::plan::{Kind, plan};
 use crate::blind::store::Store;
 use crate::blind::table::{Target, confusion, covered, seen, targets};
-use crate::blind::trial::trial;
+use crate::blind::trial::{DIAGNOSIS, trial};
 use crate::failure::{self, Failure};
 use crate::progress::Progress;
 use std::path::PathBuf;
@@ -24,7 +24,7 @@ pub struct Args {
     /// Cases at a time
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=64))]
     jobs: u8,
-    /// Everything about every case, written after each; with a file that is there the run goes on
+    /// Everything about every case, written after each; with a file that is there the run goes on, if it is of the same diagnosis
     #[arg(long, value_name = "FILE.json")]
     out: Option<PathBuf>,
     /// Folder to leave the campaigns in, and beside each its truth
@@ -50,6 +50,9 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     let open: Vec<usize> = wanted.iter().copied().filter(|c| !store.holds(*c)).collect();
     if open.len() < wanted.len() {
         progress.say(&format!("{} of {} cases are there already", wanted.len() - open.len(), wanted.len()));
+    }
+    if !open.is_empty() {
+        store.is_of(DIAGNOSIS)?;
     }
     let store = Mutex::new(store);
     let next = AtomicUsize::new(0);
