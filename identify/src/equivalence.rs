@@ -64,7 +64,14 @@ pub fn relatives(
         let cosine = dot(&first.secant, &second.secant) / (first.square * second.square).sqrt();
         let share = if carried.is_none() && cosine * cosine >= RELATED {
             let component = full.point.theta[..full.layout.base.len()].to_vec();
-            let bases = Bases { scene: &scene, component: &component, short: problem, guided: None, gross: false };
+            let bases = Bases {
+                scene: &scene,
+                component: &component,
+                short: problem,
+                guided: None,
+                beside: f64::INFINITY,
+                gross: false,
+            };
             refit(problem, &bases, &[(effect, others.iter().collect())], effort)
                 .map(|r| (single.cost - r.fit.cost) / (single.cost - full.cost).max(f64::MIN_POSITIVE))
         } else {

@@ -9,7 +9,7 @@ use crate::fit::{Effort, Fit, fit};
 use crate::guide::Guide;
 use crate::layout::Layout;
 use crate::problem::{Point, Problem};
-use crate::score::Scene;
+use crate::score::{Gram, Scene};
 
 /// A model fitted where its simulation follows what was measured.
 pub struct Guided {
@@ -19,6 +19,14 @@ pub struct Guided {
     fit: Fit,
     /// Where no effect that it lacks has bent it.
     unbent: Point,
+}
+
+/// Where an effect was led.
+pub struct Led {
+    /// Parameters where the guide has let go.
+    pub theta: Vec<f64>,
+    /// What was left under the tightest guide.
+    pub cost: f64,
 }
 
 /// Guides that let go step by step. The first is short against all that a lever does, and still long against the noise: an error of 0.1 Nm at
@@ -40,6 +48,10 @@ const MORE: usize = 5;
 const GLANCE: Effort = Effort { iterations: 3, ..LEAD };
 /// and so many are.
 const WORTH: usize = 2;
+/// Cost a target under the tightest guide from which what is missing shows there; noise alone leaves 1.
+const SHOWS: f64 = 5.0;
+/// An effect that leaves so many times what another one leaves under the tightest guide, after a few steps, does not catch up with it.
+const BEHIND: f64 = 20.0;
 /// From no more where a few steps take away this share of what is missing: a false minimum leaves more.
 const ALL_BUT: f64 = 0.95;
 
@@ -65,11 +77,27 @@ impl Guided {
         self.let_go_from(self.fit.clone())
     }
 
-    /// Parameters with an effect added, led from the best of its starts, where the guide lets go; `None` where it leads nowhere.
-    pub fn led(&self, effect: &'static dyn Effect) -> Option<Vec<f64>> {
+    /// What is missing shows under the tightest guide.
+    pub fn shows(&self) -> bool {
+        self.tightest().is_some_and(|(problem, fit)| fit.cost > SHOWS * problem.targets() as f64)
+    }
+
+    /// What a fit leaves under the tightest guide; infinite where it can't be simulated.
+    pub fn cost_of(&self, fit: &Fit) -> f64 {
+        let of = |problem: &Problem| problem.cost(&fit.layout, &problem.point(fit.point.theta.clone()));
+        self.problems.first().map_or(f64::INFINITY, of)
+    }
+
+    /// An effect added, led from the best of its starts, where the guide lets go; `None` where it leads nowhere, or far less far than one that leaves
+    /// `beside` under the tightest guide.
+    pub fn led(&self, effect: &'static dyn Effect, beside: f64) -> Option<Led> {
         let tight = self.problems.first()?;
-        let (lowest, mut others) =
-            self.first_steps(effect).filter(|(led, _)| self.share_of_missing(led.cost) > LEADS)?;
+        // where nothing shows there is nothing to be led by, but for an effect that shows
+        if !self.shows() && self.linearly(effect)? < LEADS {
+            return None;
+        }
+        let leads = |led: &Fit| self.share_of_missing(led.cost) > LEADS && led.cost < BEHIND * beside;
+        let (lowest, mut others) = self.first_steps(effect).filter(|(led, _)| leads(led))?;
         let more = if self.share_of_missing(lowest.cost) > ALL_BUT { 0 } else { MORE };
         others.sort_by(|a, b| a.0.total_cmp(&b.0));
         let layout = lowest.layout.clone();
@@ -80,7 +108,15 @@ impl Guided {
         let lowest = best([lowest].into_iter().chain(more))?;
         let led = fit(tight, &layout, lowest.point, LEAD).ok()?;
         tracing::debug!(id = effect.header().id, from = self.fit.cost, to = led.cost, "led");
-        self.let_go_from(led)
+        Some(Led { cost: led.cost, theta: self.let_go_from(led)? })
+    }
+
+    /// Share of the cost under the tightest guide that an effect takes away there, linearly.
+    fn linearly(&self, effect: &'static dyn Effect) -> Option<f64> {
+        let (problem, fit) = self.tightest()?;
+        let directions = Scene::new(problem, fit).ok()?.directions(effect);
+        let usable: Vec<usize> = (0..directions.len()).filter(|&i| directions[i].gain() > 0.0).collect();
+        Some(Gram::new(&directions).gain(&usable) / fit.cost)
     }
 
     /// Share of what is missing under the tightest guide that a fit of this cost takes away.

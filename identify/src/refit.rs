@@ -14,8 +14,8 @@ pub struct Refit {
     pub added: Vec<&'static str>,
     /// The fit.
     pub fit: Fit,
-    /// It was led from all starts of its effect under a guide: other shapes need not be tried.
-    pub led: bool,
+    /// What it left under the tightest guide where it was led from all starts of its effect there: other shapes need not be tried.
+    pub led: Option<f64>,
 }
 
 /// Where a refit may start, and on what.
@@ -30,6 +30,8 @@ pub struct Bases<'a> {
     pub short: &'a Problem,
     /// The current model where its simulation follows what was measured: there single effects are led from all of their starts.
     pub guided: Option<&'a Guided>,
+    /// What the best one led so far leaves under the tightest guide; infinite where there is none.
+    pub beside: f64,
     /// The effect may be gross: all these starts are tried.
     pub gross: bool,
 }
@@ -89,21 +91,25 @@ pub fn refit(
         tried.extend(fit(problem, &layout, point, effort).ok());
     }
     let led = match added {
-        [(effect, _)] => bases.guided.and_then(|guided| guided.led(*effect)),
+        [(effect, _)] => bases.guided.and_then(|guided| guided.led(*effect, bases.beside)),
         _ => None,
     };
-    let guided = led.is_some();
+    let left = led.as_ref().map(|led| led.cost);
     if let Some(led) = led {
-        tried.extend(fit(problem, &layout, problem.point(led), effort).ok());
+        tried.extend(fit(problem, &layout, problem.point(led.theta), effort).ok());
     } else if bases.gross
         && let Some((_, point)) = cheapest(bases.short, at_component())
     {
-        let point = fit(bases.short, &layout, point.clone(), LEAD).map_or(point, |f| f.point);
-        tried.extend(fit(problem, &layout, point, effort).ok());
+        let led = fit(bases.short, &layout, point, LEAD).ok();
+        // where the model does as well without the effect the start leads nowhere
+        let without = bases.short.cost(&current.layout, &current.point);
+        if let Some(led) = led.filter(|led| led.cost < without) {
+            tried.extend(fit(problem, &layout, led.point, effort).ok());
+        }
     }
     tracing::debug!(last = ?added.last().map(|(e, _)| e.header().id), costs = ?tried.iter().map(|f| f.cost).collect::<Vec<_>>(), "starts");
     let fit = tried.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost))?;
-    Some(Refit { added: added.iter().map(|(e, _)| e.header().id).collect(), fit, led: guided })
+    Some(Refit { added: added.iter().map(|(e, _)| e.header().id).collect(), fit, led: left })
 }
 
 /// Sizes of a start that are tried one after the other until one leads down.

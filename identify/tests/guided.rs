@@ -8,7 +8,7 @@ use common::{dynamic, layout, problem};
 use identify::diagnose::{Declared, Verdict, diagnose_declared};
 use identify::fit::{Effort, Fit, fit};
 use identify::guide::Guide;
-use identify::guided::Guided;
+use identify::guided::{Guided, Led};
 use identify::problem::Problem;
 use identify::score::Scene;
 use model::Parameters;
@@ -41,7 +41,7 @@ fn friction_that_a_free_run_can_not_find_is_led_to() {
     let with = layout.with(friction);
     let targets = problem.targets() as f64;
     let led = Guided::new(&problem, &layout, &bent.point.theta, &layout.vector_of(&truth)).unwrap();
-    let theta = led.led(friction).unwrap();
+    let Led { theta, cost } = led.led(friction, f64::INFINITY).unwrap();
     let found = fit(&problem, &with, problem.point(theta), Effort::default()).unwrap();
     assert!(found.cost < 1.1 * targets, "{} of {}", found.cost / targets, bent.cost / targets);
     for (v, k) in found.point.theta[with.first_of(0)..].iter().zip(values) {
@@ -53,8 +53,25 @@ fn friction_that_a_free_run_can_not_find_is_led_to() {
     assert!(free.cost > 50.0 * targets, "a free run finds it as well: {}", free.cost / targets);
     // what is not there leads nowhere
     let lag = find("pump_lag").unwrap();
-    assert!(led.led(lag).is_none());
+    assert!(led.led(lag, f64::INFINITY).is_none());
+    // nor does what stays far behind another one
+    assert!((led.cost_of(&found) / cost - 1.0).abs() < 0.3, "{} {cost}", led.cost_of(&found));
+    assert!(led.led(friction, cost).is_some() && led.led(friction, 0.01 * cost).is_none());
     assert!(led.takes_away(friction) > 0.5 && led.takes_away(lag) < 0.1);
+}
+
+#[test]
+fn where_little_is_missing_only_what_shows_is_led() {
+    let truth = Parameters::example();
+    let (friction, lag) = (find("stribeck_friction").unwrap(), find("pump_lag").unwrap());
+    let problem = problem(&[dynamic(&truth, Some((friction, vec![0.8, 0.2, 0.02])), 20.0, 7)]);
+    let layout = layout(&truth);
+    let known = layout.vector_of(&truth);
+    let fitted = fit(&problem, &layout, problem.point(known.clone()), Effort::default()).unwrap();
+    let led = Guided::new(&problem, &layout, &fitted.point.theta, &known).unwrap();
+    assert!(!led.shows(), "{}", led.cost_of(&fitted) / problem.targets() as f64);
+    assert!(led.led(friction, f64::INFINITY).is_some());
+    assert!(led.led(lag, f64::INFINITY).is_none());
 }
 
 #[test]

@@ -98,11 +98,13 @@ pub struct Derived<S> {
 }
 
 /// Torque, eq. (2), odd in (phi, dp), Nm.
+#[inline(always)]
 pub fn torque<S: Scalar>(k: &[S], angle_rad: S, dp_bar: S) -> S {
     (k[M1] * dp_bar.abs() + k[M2]) * angle_rad + k[M3] * dp_bar
 }
 
 /// Capacities of both chambers, eq. (13), ml/bar; the second is the first mirrored.
+#[inline(always)]
 pub fn capacity<S: Scalar>(k: &[S], angle_rad: S, pressure_bar: [S; 2]) -> [S; 2] {
     let bend = (k[A1] * (angle_rad * DEGREES)).exp();
     let scale = if k[A2].value() == 0.0 { S::constant(1.0) - k[A2] } else { (-k[A2]).exp() };
@@ -111,12 +113,14 @@ pub fn capacity<S: Scalar>(k: &[S], angle_rad: S, pressure_bar: [S; 2]) -> [S; 2
 }
 
 /// Displacements of both chambers, eq. (14), ml/rad.
+#[inline(always)]
 pub fn displacement<S: Scalar>(k: &[S], angle_rad: S) -> [S; 2] {
     let even = k[V1] * angle_rad;
     [even + k[V2], even - k[V2]]
 }
 
 /// Pump flow, eq. (10) with its dead zone, ml/s, and whether the pump delivers (is out of the dead zone).
+#[inline(always)]
 pub fn pump_flow<S: Scalar>(k: &[S], voltage_v: S, dp_bar: S) -> (S, bool) {
     let slip = k[F3] * dp_bar;
     let drive = k[F1] * voltage_v.abs() + k[F4] + k[F2] * voltage_v * dp_bar;
@@ -128,6 +132,7 @@ pub fn pump_flow<S: Scalar>(k: &[S], voltage_v: S, dp_bar: S) -> (S, bool) {
 }
 
 /// Losses, eq. (16), odd in the velocity, Nm, and the branch: 0 within |w| < a, 1 above, 2 below.
+#[inline(always)]
 pub fn losses<S: Scalar>(k: &[S], velocity_rad_s: S) -> (S, u32) {
     let w = velocity_rad_s;
     let a = k[A].value();

@@ -43,11 +43,13 @@ pub trait Scalar:
     fn rest(effect: &dyn Effect, k: &[Self], rest: &crate::port::Rest<Self>, x: &mut [Self]);
 
     /// e^x
+    #[inline(always)]
     fn exp(self) -> Self {
         let e = self.value().exp();
         self.chain(e, e)
     }
     /// Natural logarithm; positive argument.
+    #[inline(always)]
     fn ln(self) -> Self {
         self.chain(self.value().ln(), 1.0 / self.value())
     }
@@ -62,6 +64,7 @@ pub trait Scalar:
         self.chain(c, -s)
     }
     /// Square root; positive argument.
+    #[inline(always)]
     fn sqrt(self) -> Self {
         let r = self.value().sqrt();
         self.chain(r, 0.5 / r)
@@ -72,14 +75,17 @@ pub trait Scalar:
         self.chain(t, 1.0 - t * t)
     }
     /// |x|, slope +1 at 0.
+    #[inline(always)]
     fn abs(self) -> Self {
         if self.value() < 0.0 { -self } else { self }
     }
     /// x^y for x > 0.
+    #[inline(always)]
     fn powf(self, exponent: Self) -> Self {
         (self.ln() * exponent).exp()
     }
     /// max(x, floor), slope 0 at and below the floor.
+    #[inline(always)]
     fn at_least(self, floor: f64) -> Self {
         if self.value() > floor { self } else { Self::constant(floor) }
     }

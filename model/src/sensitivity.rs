@@ -1,7 +1,10 @@
 //! Sensitivities beside an integration.
 
+use multiversion::multiversion;
+
 use crate::effects::EffectSet;
 use crate::integrate::{FEW_STATES, MOST_STATES};
+use crate::near::Exact;
 use crate::port::PortKind;
 use crate::rec::{self, Input, Lever};
 use crate::scalar::{LANES, Scalar, Tangent};
@@ -73,6 +76,11 @@ impl Sensitivity {
 
     /// Advances over `dt` (s), given the state in the step's middle and time `t` there.
     pub fn advance(&mut self, seeds: &Seeds, input: &Input, t: f64, dt: f64, middle: &[f64]) {
+        advance_wide(self, seeds, input, t, dt, middle);
+    }
+
+    #[inline(always)]
+    fn advance_in(&mut self, seeds: &Seeds, input: &Input, t: f64, dt: f64, middle: &[f64]) {
         let branches = seeds.branches(input, t, middle);
         let kept = self.shared.as_ref().is_some_and(|s| {
             s.branches == branches && t < s.until_s && (s.dt - dt).abs() < 1e-9 * dt && alike(&s.input, input)
@@ -111,17 +119,18 @@ impl Sensitivity {
     }
 
     /// Transition and drive over `dt` from A and B at this state.
+    #[inline(always)]
     fn linearise(&mut self, seeds: &Seeds, input: &Input, t: f64, dt: f64, middle: &[f64]) {
         // a Tangent is long: no more of them than the plants that one meets have states
         if self.states <= FEW_STATES {
-            self.linearise_in::<FEW_STATES>(seeds, input, t, dt, middle);
+            linearise_few(self, seeds, input, t, dt, middle);
         } else {
-            self.linearise_in::<MOST_STATES>(seeds, input, t, dt, middle);
+            linearise_most(self, seeds, input, t, dt, middle);
         }
     }
 
     /// With room for `N` states.
-    #[inline(never)]
+    #[inline(always)]
     fn linearise_in<const N: usize>(&mut self, seeds: &Seeds, input: &Input, t: f64, dt: f64, middle: &[f64]) {
         let (n, m) = (self.states, self.columns);
         let mut a = [[0.0; N]; N];
@@ -133,7 +142,7 @@ impl Sensitivity {
             for i in 0..n {
                 x[i] = Tangent::variable(middle[i], i);
             }
-            rec::derivative(input, &pack.k, &pack.effects, t, &x[..n], &mut dx[..n]);
+            rec::derivative_by::<Tangent, true>(&mut Exact, input, &pack.k, &pack.effects, t, &x[..n], &mut dx[..n]);
             for i in 0..n {
                 if pass == 0 {
                     a[i][..n].copy_from_slice(&dx[i].slope[..n]);
@@ -157,6 +166,24 @@ impl Sensitivity {
             }
         }
     }
+}
+
+// The work of an identification is here, on rows of numbers: as wide as the machine's vectors are. Each lane is computed as it would be alone, so the
+// results are the same to the last bit.
+
+#[multiversion(targets("x86_64+avx2"))]
+fn advance_wide(s: &mut Sensitivity, seeds: &Seeds, input: &Input, t: f64, dt: f64, middle: &[f64]) {
+    s.advance_in(seeds, input, t, dt, middle);
+}
+
+#[multiversion(targets("x86_64+avx2"))]
+fn linearise_few(s: &mut Sensitivity, seeds: &Seeds, input: &Input, t: f64, dt: f64, middle: &[f64]) {
+    s.linearise_in::<FEW_STATES>(seeds, input, t, dt, middle);
+}
+
+#[multiversion(targets("x86_64+avx2"))]
+fn linearise_most(s: &mut Sensitivity, seeds: &Seeds, input: &Input, t: f64, dt: f64, middle: &[f64]) {
+    s.linearise_in::<MOST_STATES>(seeds, input, t, dt, middle);
 }
 
 /// Integral of exp(A t) over 0..dt by its series; the steps are short enough (|A| dt of order 1) for eight terms.
@@ -269,5 +296,51 @@ impl Seeds {
         for p in &self.packs {
             f(&p.k, &p.effects, p.first, p.count);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Parameters;
+    use crate::parameters::COUNT;
+    use crate::rec::{Circuit, STATES};
+
+    #[test]
+    fn wide_vectors_compute_each_lane_as_it_would_be_alone() {
+        let known = Parameters::example().to_vector();
+        let seeds = Seeds::new(STATES, COUNT, |lane| {
+            let dual = |(c, v): (usize, &f64)| lane(c).map_or(Tangent::constant(*v), |l| Tangent::variable(*v, l));
+            (known.iter().enumerate().map(dual).collect(), EffectSet::none())
+        });
+        let (mut wide, mut plain) = (Sensitivity::new(STATES, COUNT + 3), Sensitivity::new(STATES, COUNT + 3));
+        for s in [&mut wide, &mut plain] {
+            (0..3).for_each(|i| s.set(i, COUNT + i, 1.0));
+        }
+        for step in 0..200 {
+            let (t, swing) = (f64::from(step) * 1e-3, (0.07 * f64::from(step)).sin());
+            let input = Input {
+                voltage_v: 18.0 * swing.signum(),
+                brake_open: true,
+                bypass_open: step > 150,
+                vertical: true,
+                lever: Lever::Free,
+                circuit: Circuit::Pump,
+            };
+            let middle = [0.4 * swing, 1.5 * swing, 2.5 + 0.4 * swing, 2.6 - 0.4 * swing, 0.0];
+            wide.advance(&seeds, &input, t, 1e-3, &middle[..STATES]);
+            plain.advance_in(&seeds, &input, t, 1e-3, &middle[..STATES]);
+            let (mut one, mut other) = (Sensitivity::new(STATES, COUNT + 3), Sensitivity::new(STATES, COUNT + 3));
+            linearise_few(&mut one, &seeds, &input, t, 1e-3, &middle[..STATES]);
+            other.linearise_in::<FEW_STATES>(&seeds, &input, t, 1e-3, &middle[..STATES]);
+            assert!(same(&one.drive, &other.drive), "drive at step {step}");
+            assert!(same(one.transition.as_flattened(), other.transition.as_flattened()), "transition at step {step}");
+        }
+        assert!(wide.s.iter().any(|v| *v != 0.0) && wide.s.iter().all(|v| v.is_finite()));
+        assert!(same(&wide.s, &plain.s), "carried along");
+    }
+
+    fn same(a: &[f64], b: &[f64]) -> bool {
+        a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits())
     }
 }

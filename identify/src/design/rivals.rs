@@ -134,7 +134,8 @@ pub fn rivals(
                 ids.iter().filter_map(|id| effects::find(id)).map(|e| (e, leading(&scene, e))).collect();
             let added: Vec<(&'static dyn Effect, Vec<&Direction>)> =
                 added.iter().map(|(e, d)| (*e, d.iter().collect())).collect();
-            let bases = Bases { scene: &scene, component: &component, short, guided: None, gross: true };
+            let bases =
+                Bases { scene: &scene, component: &component, short, guided: None, beside: f64::INFINITY, gross: true };
             let effort = Effort { iterations: 8, tolerance: 1e-4, ..Effort::default() };
             let whole = Effort { iterations: 6, tolerance: 1e-5, ..Effort::default() };
             refit(brief, &bases, &added, effort).and_then(|r| {

@@ -34,8 +34,8 @@ const CHANCE: f64 = 2.0;
 /// What counts as nothing but noise here, noise floors.
 const NOISE: f64 = 0.3;
 
-/// Refits each set of the shortlist; the lowest cost first. `beside`: what a candidate costs that need not be refitted, infinite where there is none;
-/// who leaves many times that is not brought to the end.
+/// Refits each set of the shortlist; the lowest cost first. `beside`: a candidate that need not be refitted; who leaves many times what that leaves is
+/// not brought to the end.
 ///
 /// In heats: each candidate gets a few steps, those that keep up some more, and those that are still near the best are brought
 /// to their minimum, for only there can they be compared. Who falls far behind is in the result as it was left.
@@ -44,10 +44,12 @@ pub(super) fn refit_all(
     bases: &Bases,
     round: &Round,
     shortlist: &[Vec<&'static dyn Effect>],
-    beside: f64,
+    beside: Option<&Fit>,
     progress: &dyn Fn(&str),
 ) -> Vec<Refit> {
     let before = bases.scene.fit.cost;
+    let mut led = beside.and_then(|fit| bases.guided.map(|guided| guided.cost_of(fit))).unwrap_or(f64::INFINITY);
+    let beside = beside.map_or(f64::INFINITY, |fit| fit.cost);
     let mut out: Vec<Refit> = Vec::new();
     for set in shortlist {
         let added: Vec<(&'static dyn Effect, Vec<&Direction>)> = set
@@ -56,8 +58,12 @@ pub(super) fn refit_all(
             .collect();
         // beside one that explains nearly all only what looks like it matters, and that is refitted as such
         let explained = out.iter().any(|r| r.fit.cost < NEARLY_ALL * before);
-        let alone = Bases { gross: false, guided: None, ..*bases };
-        out.extend(refit(problem, if explained { &alone } else { bases }, &added, HEATS[0].effort()));
+        let own =
+            if explained { Bases { gross: false, guided: None, ..*bases } } else { Bases { beside: led, ..*bases } };
+        if let Some(refit) = refit(problem, &own, &added, HEATS[0].effort()) {
+            led = refit.led.map_or(led, |cost| cost.min(led));
+            out.push(refit);
+        }
     }
     for heat in &HEATS[1..] {
         out.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
@@ -80,7 +86,7 @@ pub(super) fn refit_all(
         if !is_noise(problem, &r.fit) {
             r.fit = forms::refined(problem, r.fit.clone(), &r.added, GENERAL.effort());
         }
-        if !r.led && !is_noise(problem, &r.fit) {
+        if r.led.is_none() && !is_noise(problem, &r.fit) {
             r.fit = shapes::search(problem, r.fit.clone(), HEATS[2].effort());
         }
     }
@@ -315,15 +321,14 @@ pub(super) fn empirical(
     gains.sort_by(|a, b| b.0.total_cmp(&a.0));
     tracing::debug!(?gains, "nameless terms");
     let top = gains.first().map_or(0.0, |(g, _)| *g);
-    let bases =
-        Bases { scene: &round.scene, component: search.component, short: &search.short, guided: None, gross: false };
+    let bases = search.bases(round, None, false);
     let under = search.nameless_under_guide(first, colours)?;
     let open = |e: &'static dyn Effect| under.as_ref().is_none_or(|under| !under.rules_out(e));
     let worth = gains.into_iter().filter(|(g, e)| *g > 0.3 * top && open(*e)).take(3);
     let sets: Vec<Vec<&'static dyn Effect>> = worth.map(|(_, e)| vec![e]).collect();
     let (clusters, _) = crate::score::clusters(&search.brief);
     let mut best: Option<(f64, Fit)> = None;
-    for refit in refit_all(&search.brief, &bases, round, &sets, f64::INFINITY, search.progress) {
+    for refit in refit_all(&search.brief, &bases, round, &sets, None, search.progress) {
         let held_out = HoldOut::of(&search.brief, &refit.fit, &clusters)?.residuals();
         let left = misfit::unweighted(&misfit::parts(&search.brief, &held_out, colours));
         tracing::info!(term = ?refit.added, cost = refit.fit.cost, left, "nameless terms on data left out");

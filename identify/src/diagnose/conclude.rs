@@ -46,6 +46,12 @@ impl Search<'_> {
         leaves.explained()
     }
 
+    /// The one name of a step is the explanation, and with the second name of the next step the two are not.
+    pub fn is_alone(&self, found: &Found, before: &Step, step: &Step) -> bool {
+        let alone = before.names.len() == 1 && self.leaves(found, &found.steps[0], before).explained() == Explains::Yes;
+        alone && self.leaves(found, before, step).explained() == Explains::No
+    }
+
     /// A step's second name is beside the point ([`Leaves::beside_the_point`]).
     pub fn is_beside_the_point(&self, found: &Found, before: &Step, step: &Step) -> bool {
         self.leaves(found, before, step).beside_the_point()

@@ -19,6 +19,7 @@ use super::{
 };
 use crate::colour::{Colour, colours};
 use crate::fit::{FAR, Fit};
+use crate::guided::Guided;
 use crate::identification::covariance_of;
 use crate::misfit::{self, Part};
 use crate::problem::Problem;
@@ -206,6 +207,12 @@ impl<'a> Search<'a> {
         })
     }
 
+    /// Where a round's refits start.
+    pub fn bases<'b>(&'b self, round: &'b Round, guided: Option<&'b Guided>, gross: bool) -> Bases<'b> {
+        let (component, short) = (self.component, &self.short);
+        Bases { scene: &round.scene, component, short, guided, beside: f64::INFINITY, gross }
+    }
+
     /// What terms without a name explain under a guide, where what a round's model of the brief runs leaves is gross.
     pub fn nameless_under_guide(
         &self,
@@ -288,15 +295,15 @@ impl<'a> Search<'a> {
         let (gross, left_out) = (largest > GROSS, misfit::largest(&self.left(found, &last)));
         tracing::info!(largest, left_out, "misfit, noise floors");
         let guided = if gross || left_out > GROSS { round.guided(self) } else { None };
-        let bases = Bases { scene: &round.scene, component: self.component, short: &self.short, guided, gross };
+        let bases = self.bases(round, guided, gross);
         let mut shortlist = self.shortlist(round, &open, &bases)?;
         let room = self.most_names(found).saturating_sub(last.names.len());
         shortlist.retain(|set| set.len() <= room);
-        let mut refits = refit_all(&self.brief, &bases, round, &shortlist, f64::INFINITY, self.progress);
+        let mut refits = refit_all(&self.brief, &bases, round, &shortlist, None, self.progress);
         // what looks like the best one must be refitted too before that is named
         let alike = look_alikes(round, &refits, &open);
         if !alike.is_empty() {
-            refits.extend(refit_all(&self.brief, &bases, round, &alike, f64::INFINITY, self.progress));
+            refits.extend(refit_all(&self.brief, &bases, round, &alike, None, self.progress));
             refits.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
         }
         let Some(best) = refits.first() else { return Ok(None) };
@@ -334,7 +341,7 @@ impl<'a> Search<'a> {
         if self.is_beside_the_point(found, &last, &step) {
             return Ok(Some(step));
         }
-        self.reviewed(found, step, &best.fit).map(Some)
+        self.reviewed(found, &last, step, &best.fit).map(Some)
     }
 
     /// Every judge agrees: the fit is better where it was fitted and where it was not, by more than noise matters, and what

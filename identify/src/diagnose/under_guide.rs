@@ -9,9 +9,7 @@ use model::integrate::SimulationError;
 use super::round::Round;
 use crate::guided::{Guided, LEADS};
 
-/// Cost a target under the guide from which what is missing shows there; noise alone leaves 1.
-const SHOWS: f64 = 5.0;
-/// Nor is one that takes away less than this share of what the best one does.
+/// A candidate is out of question that takes away less than this share of what the best one does.
 const BESIDE: f64 = 0.3;
 /// One that takes away so much leaves no room for one that takes away next to nothing. In a free run it is open whatever the guide says: what is slow, a tilt
 /// or a drift, a guide follows.
@@ -35,8 +33,7 @@ impl UnderGuide {
         let round = Round::new(problem, fit, candidates.iter().copied())?;
         let share = |e: &'static dyn Effect| round.gram.gain(&round.of(e.header().id)) / fit.cost;
         let shares = candidates.iter().map(|e| (*e, share(*e))).collect();
-        let shows = fit.cost > SHOWS * problem.targets() as f64;
-        Ok(Some(UnderGuide::sorted(shares, shows)))
+        Ok(Some(UnderGuide::sorted(shares, guided.shows())))
     }
 
     /// The same of those in a shortlist, by a few steps from their starts instead.
@@ -82,7 +79,7 @@ impl UnderGuide {
 
     /// The first sets of a shortlist and those that are still open, and the best candidates besides. Where none takes away most, two may be missing,
     /// and the shortlist stays whole; where none leads, here or in free run, none of them is what is missing. `in_free_run`: the largest share of the
-    /// cost that a candidate takes away there, linearly.
+    /// cost that a candidate takes away there, linearly. Who takes away most here comes first, for what it leaves says how far others must be led.
     pub fn narrow(&self, shortlist: Vec<Vec<&'static dyn Effect>>, in_free_run: f64) -> Vec<Vec<&'static dyn Effect>> {
         if !self.leads() && in_free_run < MOST {
             return Vec::new();
@@ -96,6 +93,11 @@ impl UnderGuide {
         for (effect, _) in self.shares.iter().take(BEST).filter(|(e, _)| open(e)) {
             add_single(&mut out, *effect);
         }
+        let leaves = |set: &Vec<&'static dyn Effect>| match set[..] {
+            [effect] => 1.0 - self.share(effect),
+            _ => 1.0,
+        };
+        out.sort_by(|a, b| leaves(a).total_cmp(&leaves(b)));
         out
     }
 }
@@ -134,7 +136,7 @@ mod tests {
             effects(&["trapped_air", "pump_lag"]),
             effects(&["end_stop"]),
         ];
-        assert_eq!(ids(&u.narrow(shortlist, 0.0)), ["pump_lag", "chamber_asymmetry", "trapped_air"]);
+        assert_eq!(ids(&u.narrow(shortlist, 0.0)), ["trapped_air", "chamber_asymmetry", "pump_lag"]);
         assert!(u.leads());
         assert!(u.rules_out(effects(&["pump_lag"])[0]) && !u.rules_out(effects(&["backlash"])[0]));
         assert!(u.rules_out(effects(&["tilt"])[0]), "one that was no candidate");

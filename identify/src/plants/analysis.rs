@@ -240,7 +240,14 @@ fn complete_classes(
             let scene = Scene::new(problem, current)?;
             let directions = best(&scene, other);
             let component = current.point.theta[..current.layout.base.len()].to_vec();
-            let bases = Bases { scene: &scene, component: &component, short: problem, guided: None, gross: false };
+            let bases = Bases {
+                scene: &scene,
+                component: &component,
+                short: problem,
+                guided: None,
+                beside: f64::INFINITY,
+                gross: false,
+            };
             let Some(both) = refit(problem, &bases, &[(other, directions.iter().collect())], effort) else { continue };
             let before = problem.residuals(&current.layout, &current.point)?;
             let after = problem.residuals(&both.fit.layout, &both.fit.point)?;
