@@ -42,6 +42,8 @@ const SIZES: [f64; 3] = [1.0, 0.3, 3.0];
 const FIRST: [usize; 2] = [2, 1];
 /// An effect that takes away less than this share of what is missing under the tightest guide is not it, and is not led: the other starts are as good.
 pub const LEADS: f64 = 0.1;
+/// Nor is one led to the end that takes away less than this share after those steps: of two effects the better one does about half, or more.
+const PART: f64 = 1.0 / 3.0;
 /// An effect that leads is led from at most so many starts more: friction in one form is a false minimum of friction in another.
 const MORE: usize = 5;
 /// Of those, what so many steps leave tells which are worth more,
@@ -82,10 +84,10 @@ impl Guided {
         self.tightest().is_some_and(|(problem, fit)| fit.cost > SHOWS * problem.targets() as f64)
     }
 
-    /// What a fit leaves under the tightest guide; infinite where it can't be simulated.
-    pub fn cost_of(&self, fit: &Fit) -> f64 {
-        let of = |problem: &Problem| problem.cost(&fit.layout, &problem.point(fit.point.theta.clone()));
-        self.problems.first().map_or(f64::INFINITY, of)
+    /// What a model that is fitted without the guide leaves under the tightest one; infinite where it can't be simulated.
+    pub fn cost_of(&self, free: &Fit) -> f64 {
+        let of = |tight: &Problem| fit(tight, &free.layout, tight.point(free.point.theta.clone()), GLANCE).ok();
+        self.problems.first().and_then(of).map_or(f64::INFINITY, |led| led.cost)
     }
 
     /// An effect added, led from the best of its starts, where the guide lets go; `None` where it leads nowhere, or far less far than one that leaves
@@ -98,14 +100,14 @@ impl Guided {
         }
         let leads = |led: &Fit| self.share_of_missing(led.cost) > LEADS && led.cost < BEHIND * beside;
         let (lowest, mut others) = self.first_steps(effect).filter(|(led, _)| leads(led))?;
-        let more = if self.share_of_missing(lowest.cost) > ALL_BUT { 0 } else { MORE };
+        let more = if self.is_all_but_explained(lowest.cost) { 0 } else { MORE };
         others.sort_by(|a, b| a.0.total_cmp(&b.0));
         let layout = lowest.layout.clone();
         let glance = |(_, point): (f64, Point)| fit(tight, &layout, point, GLANCE).ok();
         let mut glanced: Vec<Fit> = others.into_iter().take(more).filter_map(glance).collect();
         glanced.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         let more = glanced.into_iter().take(WORTH).filter_map(|led| fit(tight, &layout, led.point, FEW).ok());
-        let lowest = best([lowest].into_iter().chain(more))?;
+        let lowest = best([lowest].into_iter().chain(more)).filter(|led| self.share_of_missing(led.cost) > PART)?;
         let led = fit(tight, &layout, lowest.point, LEAD).ok()?;
         tracing::debug!(id = effect.header().id, from = self.fit.cost, to = led.cost, "led");
         Some(Led { cost: led.cost, theta: self.let_go_from(led)? })
@@ -117,6 +119,11 @@ impl Guided {
         let directions = Scene::new(problem, fit).ok()?.directions(effect);
         let usable: Vec<usize> = (0..directions.len()).filter(|&i| directions[i].gain() > 0.0).collect();
         Some(Gram::new(&directions).gain(&usable) / fit.cost)
+    }
+
+    /// A fit of this cost under the tightest guide takes away all but nothing of what is missing there.
+    pub fn is_all_but_explained(&self, cost: f64) -> bool {
+        self.share_of_missing(cost) > ALL_BUT
     }
 
     /// Share of what is missing under the tightest guide that a fit of this cost takes away.

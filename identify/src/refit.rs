@@ -98,6 +98,7 @@ pub fn refit(
     if let Some(led) = led {
         tried.extend(fit(problem, &layout, problem.point(led.theta), effort).ok());
     } else if bases.gross
+        && !out_of_question(bases, added)
         && let Some((_, point)) = cheapest(bases.short, at_component())
     {
         let led = fit(bases.short, &layout, point, LEAD).ok();
@@ -111,6 +112,17 @@ pub fn refit(
     let fit = tried.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost))?;
     Some(Refit { added: added.iter().map(|(e, _)| e.header().id).collect(), fit, led: left })
 }
+
+/// What is missing shows under a guide, a single effect leads nowhere there, and does not do most of it in free run either (what is slow, a guide follows):
+/// the base values of the component experiments lead it nowhere.
+fn out_of_question(bases: &Bases, added: &[(&'static dyn Effect, Vec<&Direction>)]) -> bool {
+    let [(_, directions)] = added else { return false };
+    let most = directions.iter().map(|d| d.gain()).fold(0.0, f64::max);
+    bases.guided.is_some_and(Guided::shows) && most < MOST * bases.scene.fit.cost
+}
+
+/// Share of the cost that is most of it.
+const MOST: f64 = 0.5;
 
 /// Sizes of a start that are tried one after the other until one leads down.
 const SIZES: [f64; 4] = [1.0, 0.3, 0.1, 0.03];

@@ -56,8 +56,9 @@ pub(super) fn refit_all(
             .iter()
             .map(|e| (*e, round.of(e.header().id).into_iter().map(|i| &round.directions[i]).collect()))
             .collect();
-        // beside one that explains nearly all only what looks like it matters, and that is refitted as such
-        let explained = out.iter().any(|r| r.fit.cost < NEARLY_ALL * before);
+        // beside one that explains nearly all, in free run or where it is led, only what looks like it matters, and that is refitted as such
+        let explained = out.iter().any(|r| r.fit.cost < NEARLY_ALL * before)
+            || bases.guided.is_some_and(|guided| guided.is_all_but_explained(led));
         let own =
             if explained { Bases { gross: false, guided: None, ..*bases } } else { Bases { beside: led, ..*bases } };
         if let Some(refit) = refit(problem, &own, &added, HEATS[0].effort()) {

@@ -46,12 +46,6 @@ impl Search<'_> {
         leaves.explained()
     }
 
-    /// The one name of a step is the explanation, and with the second name of the next step the two are not.
-    pub fn is_alone(&self, found: &Found, before: &Step, step: &Step) -> bool {
-        let alone = before.names.len() == 1 && self.leaves(found, &found.steps[0], before).explained() == Explains::Yes;
-        alone && self.leaves(found, before, step).explained() == Explains::No
-    }
-
     /// A step's second name is beside the point ([`Leaves::beside_the_point`]).
     pub fn is_beside_the_point(&self, found: &Found, before: &Step, step: &Step) -> bool {
         self.leaves(found, before, step).beside_the_point()
@@ -220,10 +214,10 @@ impl Leaves {
     /// Either what they leave is noise. Or the last of them explains the overwhelming share of what was there before it, or
     /// together they leave no substantial part of the whole, and every run asks for the same size of it: then the rest is a matter of
     /// form, for another effect never has the form of an error exactly. A second name does a substantial part of the whole, or nearly all
-    /// that was left, down to noise, or leaves nothing that matters. Names that each explain part of a misfit which stays are none. What two names
+    /// that was left, or leaves nothing that matters. Names that each explain part of a misfit which stays are none. What two names
     /// leave has no bound in noise floors: on measured data what is known of a machine leaves three (EMPS), imitations leave from one to five.
     fn explained(&self) -> Explains {
-        let complete = self.largest < MATERIAL || (self.largest < CONSISTENT && self.share >= COMPLETE);
+        let complete = self.largest < MATERIAL || self.share >= COMPLETE;
         let substantial = self.first || self.of_whole >= SUBSTANTIAL || complete;
         let overwhelming = self.share >= EXPLAINED || self.next_to_nothing;
         if substantial && (self.largest < CONSISTENT || (overwhelming && self.agreed)) {
@@ -259,9 +253,10 @@ const MOSTLY: f64 = 0.75;
 const IMITATED: f64 = 0.2;
 /// Two names whose form leaves more than this share of the whole (a tenth of its amplitude) leave less than terms without a name do.
 const FORM_OF_TWO: f64 = 0.01;
-/// Where they leave less than that, those must leave next to nothing of it: with terms for everything they always leave a little less.
-const NAMELESS_OF_TWO: f64 = 0.2;
-/// A second effect explains this share of what the first one leaves, down to noise, where it is small beside that.
+/// Where they leave less than that, those must leave next to nothing of it: with terms for everything they always leave a little less. So must those that
+/// are preferred to one name that leaves a gross misfit, but no substantial part of the whole.
+const NEXT_TO_NOTHING: f64 = 0.2;
+/// A second effect explains this share of what the first one leaves where it is small beside that.
 const COMPLETE: f64 = 0.9;
 /// Terms without a name are preferred to a name that leaves more than noise where they leave less than this share of what the name
 /// leaves.
@@ -270,14 +265,17 @@ const NAMELESS: f64 = 0.5;
 /// The share of what names leave below which terms without a name must come to be preferred to them; `None` where names need no
 /// such comparison. `largest`: what they leave, noise floors; `of_whole`: as a share of what there was.
 ///
-/// A name whose form leaves a substantial part must do better. Two names that leave more than noise must in any case: many a foreign
+/// A name whose form leaves a substantial part must do better, and one that leaves less of it, but certainly more than noise, not much worse. Two names that leave more than noise must in any case: many a foreign
 /// effect is imitated by two.
 fn enough(names: usize, largest: f64, of_whole: f64) -> Option<f64> {
     if names >= MOST_EFFECTS {
-        let share = if of_whole > FORM_OF_TWO { 1.0 } else { NAMELESS_OF_TWO };
+        let share = if of_whole > FORM_OF_TWO { 1.0 } else { NEXT_TO_NOTHING };
         return (largest >= IMITATED).then_some(share);
     }
-    (largest >= CONSISTENT && of_whole >= SUBSTANTIAL).then_some(NAMELESS)
+    if of_whole >= SUBSTANTIAL {
+        return (largest >= CONSISTENT).then_some(NAMELESS);
+    }
+    (largest > GROSS).then_some(NEXT_TO_NOTHING)
 }
 
 /// 1 - structured residual after / before, over the parts that decide.
@@ -317,7 +315,12 @@ mod tests {
         let second = Leaves { first: false, of_whole: 0.01, ..noise };
         assert_eq!(second.explained(), Explains::No, "neither much nor all");
         assert_eq!(Leaves { largest: 0.05, ..second }.explained(), Explains::Yes, "what it leaves does not matter");
-        assert_eq!(Leaves { share: 0.95, ..second }.explained(), Explains::Yes);
+        assert_eq!(Leaves { share: 0.95, agreed: false, ..second }.explained(), Explains::Yes);
+        let some = Leaves { share: 0.8, next_to_nothing: true, largest: 0.6, ..second };
+        assert_eq!(some.explained(), Explains::No, "more than noise, and a small part of the whole");
+        let forms = Leaves { share: 0.95, ..some };
+        assert_eq!(forms.explained(), Explains::Yes, "nearly all that was left");
+        assert_eq!(Leaves { agreed: false, ..forms }.explained(), Explains::No);
         let idle = Leaves { largest: 3.0, share: 0.3, ..second };
         assert!(idle.beside_the_point() && idle.explained() == Explains::No);
         assert!(
@@ -331,10 +334,11 @@ mod tests {
     #[test]
     fn two_names_are_held_against_terms_without_one_sooner_than_a_single_name() {
         assert_eq!(enough(1, 0.3, 0.5), None, "noise, nearly");
-        assert_eq!(enough(1, 2.0, 0.01), None, "a matter of its form");
+        assert_eq!(enough(1, 1.0, 0.01), None, "a matter of its form");
+        assert_eq!(enough(1, 2.0, 0.01), Some(NEXT_TO_NOTHING), "or the name of something else");
         assert_eq!(enough(1, 2.0, 0.1), Some(NAMELESS));
         assert_eq!(enough(2, 0.1, 0.5), None, "noise");
-        assert_eq!(enough(2, 0.3, 0.001), Some(NAMELESS_OF_TWO));
+        assert_eq!(enough(2, 0.3, 0.001), Some(NEXT_TO_NOTHING));
         assert_eq!(enough(2, 2.0, 0.03), Some(1.0));
         assert_eq!(enough(1, 0.0, f64::NAN), None, "nothing was there");
     }

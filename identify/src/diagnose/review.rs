@@ -14,8 +14,8 @@ use crate::refit::{Refit, advantage};
 
 impl Search<'_> {
     /// The step with the first of its two names as the comparison beside the second leaves it: with other rivals or none, or replaced by
-    /// one that does better. `before`: the step before it; `brief`: the step's fit to the brief runs. A step with other than two names stays as it is.
-    pub fn reviewed(&self, found: &mut Found, before: &Step, step: Step, brief: &Fit) -> Result<Step, SimulationError> {
+    /// one that does better. `brief`: the step's fit to the brief runs. A step with other than two names stays as it is.
+    pub fn reviewed(&self, found: &mut Found, step: Step, brief: &Fit) -> Result<Step, SimulationError> {
         let [first, second] = &step.names[..] else { return Ok(step) };
         let own = first.effect.header().id;
         let Some(n) = brief.layout.effects.iter().position(|e| e.header().id == own) else { return Ok(step) };
@@ -25,8 +25,7 @@ impl Search<'_> {
         let gross = is_gross(&self.brief, &alone, &found.colours)?;
         let open = self.open(&alone);
         let round = Round::new(&self.brief, &alone, open.iter().copied())?;
-        // a first name that is the explanation without the second is not worth leading others for
-        let guided = if gross && !self.is_alone(found, before, &step) { round.guided(self) } else { None };
+        let guided = if gross { round.guided(self) } else { None };
         let bases = self.bases(&round, guided, gross);
         let mut shortlist = self.shortlist(&round, &open, &bases)?;
         shortlist.retain(|set| set.len() == 1 && set[0].header().id != own);

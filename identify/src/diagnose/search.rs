@@ -191,8 +191,9 @@ impl<'a> Search<'a> {
     /// A fit that leaves a gross misfit, or a better one of the same model from where a guide leads: it may stand in a false minimum, and a second
     /// effect must not be named for what another start would have gained.
     fn reseated(&self, found: &Found, fit: Fit) -> Result<Fit, SimulationError> {
-        let gross = is_gross(self.problem, &fit, &found.colours)?;
-        if !gross {
+        // what takes away little is not named, wherever it stands
+        let little = fit.cost > (1.0 - LOST) * found.steps[0].fit.cost;
+        if little || !is_gross(self.problem, &fit, &found.colours)? {
             return Ok(fit);
         }
         let theta = guided(self.problem, &fit, self.component).and_then(|guided| guided.let_go());
@@ -341,7 +342,7 @@ impl<'a> Search<'a> {
         if self.is_beside_the_point(found, &last, &step) {
             return Ok(Some(step));
         }
-        self.reviewed(found, &last, step, &best.fit).map(Some)
+        self.reviewed(found, step, &best.fit).map(Some)
     }
 
     /// Every judge agrees: the fit is better where it was fitted and where it was not, by more than noise matters, and what

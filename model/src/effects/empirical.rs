@@ -42,21 +42,23 @@ fn grown(time_s: f64) -> f64 {
     1.0 - (-time_s / 30.0).exp()
 }
 
-static TORQUE: [Parameter; 12] = [
+static TORQUE: [Parameter; 14] = [
     term("constant", "Nm", 0.02),
     term("angle2", "Nm", 0.05),
     term("angle3", "Nm", 0.05),
     term("angle4", "Nm", 0.05),
     term("angle5", "Nm", 0.05),
     term("direction", "Nm", 0.02),
+    term("direction_angle", "Nm", 0.05),
     term("direction_angle2", "Nm", 0.05),
     term("direction_load", "Nm/bar", 0.02),
     term("load_angle", "Nm/bar", 0.02),
     term("dp_angle2", "Nm/bar", 0.05),
     term("time_direction", "Nm", 0.05),
+    term("motion", "Nm", 0.02),
     term("past_angle", "Nm", 0.05),
 ];
-static TORQUE_STARTS: [[f64; 12]; 12] = typical(&TORQUE);
+static TORQUE_STARTS: [[f64; 14]; 14] = typical(&TORQUE);
 
 /// Torque as a function of angle, velocity, pressures, time and of the angle's past.
 pub struct EmpiricalTorque;
@@ -86,10 +88,12 @@ impl Law for EmpiricalTorque {
             dx[0] = (a - x[0]) / 0.5;
             m.torque_nm += k[0]
                 + ((k[3] + k[4] * a) * a2 + k[1] + k[2] * a) * a2
-                + direction * (k[5] + k[6] * a2 + k[7] * m.load_bar + k[10] * grown(m.time_s))
-                + k[8] * m.load_bar * a
-                + k[9] * m.dp_bar * a2
-                + k[11] * (a - x[0]);
+                + direction * (k[5] + k[6] * a + k[7] * a2 + k[8] * m.load_bar + k[11] * grown(m.time_s))
+                + k[9] * m.load_bar * a
+                + k[10] * m.dp_bar * a2
+                // friction that is larger in one direction than in the other
+                + k[12] * direction * direction
+                + k[13] * (a - x[0]);
         }
     }
 
@@ -301,6 +305,32 @@ mod tests {
         let mut dx = [0.0; 3];
         EmpiricalPump.act(&k, x, &mut dx, &mut Port::Line(&mut line));
         (line.flow_ml_s, dx[2])
+    }
+
+    #[test]
+    fn friction_may_differ_by_direction_and_by_angle() {
+        let torque = |term: &str, angle_rad: f64, velocity_rad_s: f64| {
+            let n = EmpiricalTorque::HEADER.parameters.iter().position(|p| p.name == term).unwrap();
+            let mut k = vec![0.0; EmpiricalTorque::HEADER.parameters.len()];
+            k[n] = 0.3;
+            let mut m = MechanicalPort::at(1.0, angle_rad, velocity_rad_s);
+            EmpiricalTorque.act(&k, &[angle_rad / 0.7], &mut [0.0], &mut Port::Mechanical(&mut m));
+            m.torque_nm
+        };
+        for (angle, speed) in [(0.0, 0.02), (0.4, 0.3), (-0.5, 2.0)] {
+            assert_eq!(
+                torque("motion", angle, speed),
+                torque("motion", -angle, -speed),
+                "more one way, less the other"
+            );
+            assert_eq!(torque("direction", angle, speed), -torque("direction", angle, -speed));
+            assert_eq!(torque("direction_angle", angle, speed), -torque("direction_angle", -angle, speed));
+            assert_eq!(torque("direction_angle", angle, speed), -torque("direction_angle", angle, -speed));
+        }
+        for term in ["motion", "direction", "direction_angle"] {
+            assert_eq!(torque(term, 0.4, 0.0), 0.0, "at rest there is no friction");
+            assert!(torque(term, 0.4, 0.5) > 0.1);
+        }
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Air pockets in the chambers, which the paper calls impossible to avoid.
 
-use super::{Balance, Header, Law, Parameter};
-use crate::port::{AMBIENT_BAR, Port, PortKind};
+use super::{Balance, Header, Law, Parameter, Refined};
+use crate::port::{AMBIENT_BAR, Port, PortKind, Rest};
 use crate::scalar::Scalar;
 
 /// See [`Law::HEADER`].
@@ -25,6 +25,8 @@ impl Law for TrappedAir {
         starts: &[&[0.2, 0.0], &[0.0, 0.2], &[0.2, 0.2], &[4.0, 0.5], &[0.5, 4.0]],
         passive: true,
     };
+    const REFINED: Option<Refined> =
+        Some(Refined { effect: &Dissolving, neutral: &[0.0, 10.0], starts: &[&[0.1, 10.0], &[0.1, 1.0]] });
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Hydraulic(h) = port {
@@ -32,6 +34,44 @@ impl Law for TrappedAir {
                 let p = h.pressure_bar[i];
                 h.capacity_ml_bar[i] += *volume * AMBIENT_BAR / (p * p);
             }
+        }
+    }
+}
+
+/// Air that the oil takes up under pressure and gives back. Passive: it dissolves at higher pressure than it comes out at.
+struct Dissolving;
+
+impl Law for Dissolving {
+    const HEADER: Header = Header {
+        equation: "of the air V_ai the part x_i is in solution, tau*x_i' = V_ai*h*(p_i - p_amb) - x_i (Henry's law in equilibrium), the rest n_i = V_ai - x_i >= 0 is free: C_hi += n_i*p_amb/p_i^2, and x_i'*p_amb/p_i flows out of chamber i = 1, 2; at rest x_i = V_ai*h*(p_i - p_amb)",
+        validity: "isothermal; all air is free at ambient pressure",
+        literature: "Merritt, Hydraulic Control Systems, 1967, ch. 2; Zhou, Vacca, Manhartsgruber, J. Fluids Eng. 135, 2013 (release and solution of air)",
+        parameters: &[
+            TrappedAir::HEADER.parameters[0],
+            TrappedAir::HEADER.parameters[1],
+            Parameter { name: "h", unit: "1/bar", lower: 0.0, upper: 1.0, typical: 0.1, size: false },
+            Parameter { name: "tau", unit: "s", lower: 0.1, upper: 300.0, typical: 10.0, size: false },
+        ],
+        states: 2,
+        starts: &[&[0.5, 0.5, 0.1, 10.0]],
+        ..TrappedAir::HEADER
+    };
+
+    fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Hydraulic(h) = port {
+            for i in 0..2 {
+                let p = h.pressure_bar[i];
+                let rate = (k[i] * k[2] * (p - AMBIENT_BAR) - x[i]) / k[3];
+                dx[i] = rate;
+                h.capacity_ml_bar[i] += (k[i] - x[i]).at_least(0.0) * AMBIENT_BAR / (p * p);
+                h.flow_ml_s[i] -= rate * AMBIENT_BAR / p;
+            }
+        }
+    }
+
+    fn rest<S: Scalar>(&self, k: &[S], rest: &Rest<S>, x: &mut [S]) {
+        for (chamber, x) in x.iter_mut().enumerate() {
+            *x = k[chamber] * k[2] * rest.gauge_bar(chamber);
         }
     }
 }

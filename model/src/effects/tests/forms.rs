@@ -148,3 +148,30 @@ fn a_wall_of_two_branches_takes_what_both_capacities_hold_each_in_its_time() {
         alike(taken, pressed * capacity * (1.0 + share));
     }
 }
+
+#[test]
+fn air_goes_into_solution_under_pressure_by_henry_s_law_and_comes_back() {
+    let k = [0.8, 0.3, 0.2, 5.0];
+    let gauge_bar = [2.0, 0.0];
+    let (mut x, mut dx) = ([0.0; 2], [0.0; 2]);
+    let flowing = flow("trapped_air", &k, gauge_bar, &x, &mut dx);
+    alike(dx[0], 0.8 * 0.2 * 2.0 / 5.0);
+    // what dissolves leaves room for oil, as much as the free air took
+    alike(flowing[0], -dx[0] * AMBIENT_BAR / (AMBIENT_BAR + 2.0));
+    assert_eq!((dx[1], flowing[1]), (0.0, 0.0), "at ambient pressure nothing dissolves");
+    for _ in 0..60_000 {
+        flow("trapped_air", &k, gauge_bar, &x, &mut dx);
+        x.iter_mut().zip(&dx).for_each(|(x, d)| *x += 1e-3 * d);
+    }
+    alike(x[0], 0.8 * 0.2 * 2.0);
+    let capacity = |x: &[f64]| {
+        let mut h = HydraulicPort::at(1.0, gauge_bar.map(|p| AMBIENT_BAR + p));
+        let before = h.capacity_ml_bar;
+        general("trapped_air").act_value(&k, x, &mut [0.0; 2], &mut Port::Hydraulic(&mut h));
+        [h.capacity_ml_bar[0] - before[0], h.capacity_ml_bar[1] - before[1]]
+    };
+    alike(capacity(&x)[0] / capacity(&[0.0; 2])[0], 1.0 - 0.2 * 2.0);
+    assert_eq!(capacity(&[0.9, 0.0])[0], 0.0, "no less than no air is free");
+    // back at ambient pressure it comes out again, and drives oil out
+    assert!(flow("trapped_air", &k, [0.0; 2], &x, &mut dx)[0] > 0.0 && dx[0] < 0.0);
+}
