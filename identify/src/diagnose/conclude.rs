@@ -213,13 +213,13 @@ struct Leaves {
 impl Leaves {
     /// Either what they leave is noise. Or the last of them explains the overwhelming share of what was there before it, or
     /// together they leave no substantial part of the whole, and every run asks for the same size of it: then the rest is a matter of
-    /// form, for another effect never has the form of an error exactly. A second name does a substantial part of the whole, or nearly all
-    /// that was left, or leaves nothing that matters. Names that each explain part of a misfit which stays are none. What two names
+    /// form, for another effect never has the form of an error exactly. A second name does a substantial part of the whole, or the overwhelming
+    /// share of what was left, or leaves nothing that matters. Names that each explain part of a misfit which stays are none. What two names
     /// leave has no bound in noise floors: on measured data what is known of a machine leaves three (EMPS), imitations leave from one to five.
     fn explained(&self) -> Explains {
-        let complete = self.largest < MATERIAL || self.share >= COMPLETE;
-        let substantial = self.first || self.of_whole >= SUBSTANTIAL || complete;
-        let overwhelming = self.share >= EXPLAINED || self.next_to_nothing;
+        let nearly_all = self.share >= EXPLAINED;
+        let substantial = self.first || self.of_whole >= SUBSTANTIAL || nearly_all || self.largest < MATERIAL;
+        let overwhelming = nearly_all || self.next_to_nothing;
         if substantial && (self.largest < CONSISTENT || (overwhelming && self.agreed)) {
             Explains::Yes
         } else if substantial && self.share >= MOSTLY && self.agreed {
@@ -256,8 +256,6 @@ const FORM_OF_TWO: f64 = 0.01;
 /// Where they leave less than that, those must leave next to nothing of it: with terms for everything they always leave a little less. So must those that
 /// are preferred to one name that leaves a gross misfit, but no substantial part of the whole.
 const NEXT_TO_NOTHING: f64 = 0.2;
-/// A second effect explains this share of what the first one leaves where it is small beside that.
-const COMPLETE: f64 = 0.9;
 /// Terms without a name are preferred to a name that leaves more than noise where they leave less than this share of what the name
 /// leaves.
 const NAMELESS: f64 = 0.5;
