@@ -1,7 +1,7 @@
 //! A brake valve that takes its time.
 
 use super::lag::first_order;
-use super::{Balance, Header, Law, Parameter};
+use super::{Balance, Header, Law, Parameter, Refined};
 use crate::port::{Port, PortKind, Rest};
 use crate::scalar::Scalar;
 
@@ -26,6 +26,8 @@ impl Law for BrakeValveLag {
         starts: &[&[0.01, 0.01], &[0.02, 0.0], &[0.0, 0.02], &[0.1, 0.1]],
         passive: false,
     };
+    const REFINED: Option<Refined> =
+        Some(Refined { effect: &Overlapped, neutral: &[0.0], starts: &[&[0.1], &[0.3], &[0.45]] });
 
     fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Actuator(a) = port {
@@ -37,5 +39,34 @@ impl Law for BrakeValveLag {
 
     fn rest<S: Scalar>(&self, _k: &[S], rest: &Rest<S>, x: &mut [S]) {
         x[0] = S::constant(f64::from(u8::from(rest.brake_open)));
+    }
+}
+
+/// An armature that has to travel before oil flows, and that has opened all when it has not yet arrived: from a first-order lag to a dead time.
+struct Overlapped;
+
+impl Law for Overlapped {
+    const HEADER: Header = Header {
+        equation: "tau*y' = command - y with tau = tau_open or tau_close by the direction; Q_p goes through the opening (y - s)/(1 - 2*s), from 0 to 1; a dead time of tau*ln 2 where s comes near 0.5",
+        validity: "overlap alike on both sides; flow proportional to the opening",
+        parameters: &[
+            BrakeValveLag::HEADER.parameters[0],
+            BrakeValveLag::HEADER.parameters[1],
+            Parameter { name: "s", unit: "1", lower: 0.0, upper: 0.48, typical: 0.2, size: false },
+        ],
+        starts: &[&[0.02, 0.02, 0.3]],
+        ..BrakeValveLag::HEADER
+    };
+
+    fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
+        BrakeValveLag.act(&k[..2], x, dx, port);
+        if let Port::Actuator(a) = port {
+            let opening = (a.brake_opening - k[2]) / (S::constant(1.0) - k[2] * 2.0);
+            a.brake_opening = S::constant(1.0) - (S::constant(1.0) - opening.at_least(0.0)).at_least(0.0);
+        }
+    }
+
+    fn rest<S: Scalar>(&self, k: &[S], rest: &Rest<S>, x: &mut [S]) {
+        BrakeValveLag.rest(&k[..2], rest, x);
     }
 }

@@ -1,4 +1,4 @@
-//! The first-order lag that several effects share, down to no lag at all.
+//! The first-order lag that several effects share, and a dead time, both down to none at all.
 
 use crate::scalar::Scalar;
 
@@ -16,4 +16,16 @@ pub(super) fn first_order<S: Scalar>(tau_s: S, input: S, state: S) -> (S, S) {
         // to first order in tau: the state follows within SHORTEST_S, and tau/SHORTEST_S of its distance is passed on
         ((input - state) / SHORTEST_S, input + (state - input) * (tau_s / SHORTEST_S))
     }
+}
+
+/// `input` as it was `delay_s` ago: (derivatives of the two states, the delayed value). The rational function of degree 1 over 2 that agrees with
+/// `exp(-s*delay_s)` to the third order in s (Pade): `(1 - T*s/3) / (1 + 2*T*s/3 + T^2*s^2/6)`. At rest the states are the input and 0.
+#[inline(always)]
+pub(super) fn dead_time<S: Scalar>(delay_s: S, input: S, state: [S; 2]) -> ([S; 2], S) {
+    let [value, slope] = state;
+    // the slope in units of 1/delay
+    let whole = delay_s.at_least(SHORTEST_S);
+    let rates = [slope / whole, ((input - value) * 6.0 - slope * 4.0) / whole];
+    let late = value - slope / 3.0;
+    if delay_s.value() > SHORTEST_S { (rates, late) } else { (rates, input + (late - input) * (delay_s / SHORTEST_S)) }
 }

@@ -9,7 +9,7 @@ mod slopes;
 
 use super::*;
 use crate::parameters::Parameters;
-use crate::port::{AMBIENT_BAR, HydraulicPort, LinePort, MechanicalPort};
+use crate::port::{AMBIENT_BAR, ActuatorPort, HydraulicPort, LinePort, MechanicalPort};
 use crate::rec::{self, Circuit, Input, Lever, STATES};
 use crate::scalar::Tangent;
 

@@ -175,3 +175,67 @@ fn air_goes_into_solution_under_pressure_by_henry_s_law_and_comes_back() {
     // back at ambient pressure it comes out again, and drives oil out
     assert!(flow("trapped_air", &k, [0.0; 2], &x, &mut dx)[0] > 0.0 && dx[0] < 0.0);
 }
+
+/// Steps the pump's voltage from 0 to `volts`: the voltage that the pump sees after each 0.1 ms.
+fn stepped(k: &[f64], volts: f64) -> Vec<f64> {
+    let (mut x, mut dx) = ([0.0; 3], [0.0; 3]);
+    let step = |_| {
+        let mut a = ActuatorPort { time_s: 1.0, voltage_v: volts, brake_opening: 1.0 };
+        general("pump_lag").act_value(k, &x, &mut dx, &mut Port::Actuator(&mut a));
+        x.iter_mut().zip(&dx).for_each(|(x, d)| *x += 1e-4 * d);
+        a.voltage_v
+    };
+    (0..5_000).map(step).collect()
+}
+
+#[test]
+fn a_pump_is_late_by_lag_or_dead_time_and_no_faster_than_its_ramp() {
+    // the area between command and answer is the mean delay
+    let delay = |k: &[f64]| stepped(k, 2.0).iter().map(|u| (1.0 - u / 2.0) * 1e-4).sum::<f64>();
+    for (tau, dead) in [(0.01, 0.6), (0.02, 0.0), (0.01, 1.0), (0.0025, 0.2)] {
+        let mean = delay(&[tau, dead, 0.0]);
+        assert!((mean - tau).abs() < 1.1e-4, "{mean} for {tau}");
+    }
+    // a dead time is one: next to nothing before it, nearly all after it
+    let dead = stepped(&[0.05, 1.0, 0.0], 1.0);
+    assert!(dead[..150].iter().all(|u| u.abs() < 0.25) && (dead[800] - 1.0).abs() < 0.1, "{} {}", dead[150], dead[800]);
+    // on a ramp of 500 V/s twice the step takes twice the time
+    let ramped = |volts: f64| {
+        let seen = stepped(&[1e-3, 0.0, 2.0], volts);
+        let steepest = seen.windows(2).map(|w| (w[1] - w[0]) / 1e-4).fold(0.0, f64::max);
+        (steepest, seen.iter().position(|u| *u > 0.5 * volts).expect("it gets there"))
+    };
+    let ((small, soon), (large, late)) = (ramped(5.0), ramped(10.0));
+    assert!(small < 500.0 && large < 500.0 && large > 400.0, "{small} {large} V/s");
+    assert!((late as f64 / soon as f64 - 2.0).abs() < 0.2, "{soon} {late}");
+}
+
+#[test]
+fn a_valve_whose_armature_travels_first_opens_late_and_then_soon() {
+    // openings after each 0.1 ms from the command to open, and then to close
+    let switched = |k: &[f64], from: f64| {
+        let (mut x, mut dx) = ([from], [0.0]);
+        let step = |_| {
+            let mut a = ActuatorPort { time_s: 1.0, voltage_v: 0.0, brake_opening: 1.0 - from };
+            general("brake_valve_lag").act_value(k, &x, &mut dx, &mut Port::Actuator(&mut a));
+            x[0] += 1e-4 * dx[0];
+            a.brake_opening
+        };
+        (0..4_000).map(step).collect::<Vec<f64>>()
+    };
+    let when = |seen: &[f64], beyond: f64| seen.iter().position(|y| *y > beyond).map(|n| n as f64 * 1e-4);
+    let (open_s, close_s) = (0.04, 0.02);
+    for s in [0.0, 0.2, 0.45] {
+        let opening = switched(&[open_s, close_s, s], 0.0);
+        let closing: Vec<f64> = switched(&[open_s, close_s, s], 1.0).iter().map(|y| 1.0 - y).collect();
+        for (seen, tau) in [(&opening, open_s), (&closing, close_s)] {
+            assert!(seen.iter().all(|y| (0.0..=1.0).contains(y)));
+            let half = when(seen, 0.5).expect("it opens half");
+            assert!((half - tau * 2f64.ln()).abs() < 3e-4, "{half}");
+            let begins = when(seen, 0.0).expect("it begins");
+            assert!((begins - tau * (1.0 / (1.0 - s)).ln()).abs() < 3e-4, "{begins}");
+            let whole = when(seen, 0.999);
+            assert!(s == 0.0 || whole.is_some_and(|t| (t - tau * (1.0 / s).ln()).abs() < 1e-3), "{whole:?}");
+        }
+    }
+}
