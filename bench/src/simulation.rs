@@ -149,13 +149,17 @@ mod tests {
     #[test]
     fn further_parameters_make_it_the_general_form() {
         let form = |parameters: &[(&str, f64)]| effects_of(&with_contact(parameters)).map(|mut all| all.remove(0));
-        let (plain, values) = form(&[("k", 10.0), ("phi_c", 30.0)]).expect("the library's form");
-        assert_eq!((plain.header().parameters.len(), &values[..]), (2, &[10.0, 30.0][..]));
-        let (general, values) = form(&[("n", 1.5), ("k", 10.0), ("phi_c", 30.0)]).expect("the general form");
-        assert_eq!((general.header().id, &values[..]), ("end_stop", &[10.0, 30.0, 1.5][..]));
-        let error = form(&[("n", 1.5), ("k", 10.0)]).expect_err("an angle is missing").to_string();
+        let (plain, values) = form(&[("k1", 10.0), ("k2", 12.0), ("phi_c", 30.0)]).expect("the library's form");
+        assert_eq!((plain.header().parameters.len(), &values[..]), (3, &[10.0, 12.0, 30.0][..]));
+        let (general, values) =
+            form(&[("n", 1.5), ("e", 0.0), ("c", 0.0), ("k1", 10.0), ("k2", 12.0), ("phi_c", 30.0)])
+                .expect("the general form");
+        assert_eq!((general.header().id, &values[..]), ("end_stop", &[10.0, 12.0, 30.0, 1.5, 0.0, 0.0][..]));
+        let error = form(&[("n", 1.5), ("k1", 10.0), ("k2", 10.0)]).expect_err("an angle is missing").to_string();
         assert!(error.contains("\"phi_c\"") && error.contains("n (1)"), "{error}");
-        let error = form(&[("N", 1.5), ("k", 10.0), ("phi_c", 30.0)]).expect_err("no such parameter").to_string();
+        let error = form(&[("N", 1.5), ("k1", 10.0), ("k2", 10.0), ("phi_c", 30.0)])
+            .expect_err("no such parameter")
+            .to_string();
         assert!(error.contains("got \"N\" as well"), "{error}");
     }
 }

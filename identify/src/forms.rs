@@ -61,15 +61,15 @@ mod tests {
         let mut layout = Layout::base(&model::Parameters::example());
         let base = layout.len();
         layout.effects = vec![find("end_stop").unwrap(), find("trapped_air").unwrap()];
-        layout.held = [base + 1, base + 2].into();
+        layout.held = [base + 2, base + 3].into();
         let mut theta = vec![0.5; base];
-        theta.extend([10.0, 30.0, 1.0, 2.0]);
+        theta.extend([10.0, 10.0, 30.0, 1.0, 2.0]);
         let point = Point { theta, initial: Vec::new() };
         let fit = Fit { layout, point, cost: 1.0, converged: true };
-        let (layout, point) = with_form(&fit, 0, &[10.0, 30.0, 1.5]);
-        assert_eq!(point.theta[base..], [10.0, 30.0, 1.5, 1.0, 2.0]);
-        assert_eq!(layout.held, [base + 1, base + 3].into(), "of the air's sizes the first");
-        assert_eq!(layout.names()[base + 2], "end_stop.n");
+        let (layout, point) = with_form(&fit, 0, &[10.0, 10.0, 30.0, 1.5, 0.0, 0.0]);
+        assert_eq!(point.theta[base..], [10.0, 10.0, 30.0, 1.5, 0.0, 0.0, 1.0, 2.0]);
+        assert_eq!(layout.held, [base + 2, base + 6].into(), "of the air's sizes the first");
+        assert_eq!(layout.names()[base + 3], "end_stop.n");
         assert_eq!(layout.len(), point.theta.len());
     }
 }

@@ -186,7 +186,9 @@ fn linearise_most(s: &mut Sensitivity, seeds: &Seeds, input: &Input, t: f64, dt:
     s.linearise_in::<MOST_STATES>(seeds, input, t, dt, middle);
 }
 
-/// Integral of exp(A t) over 0..dt by its series; the steps are short enough (|A| dt of order 1) for eight terms.
+/// Integral of exp(A t) over 0..dt by its series; the steps are short enough (|A| dt of order 1) for eight terms. Rows are summed over all `N`
+/// columns, those without a state are 0: a row of known length is a vector or two of the machine's.
+#[inline(always)]
 fn exponential_integral<const N: usize>(a: &[[f64; N]; N], n: usize, dt: f64) -> [[f64; N]; N] {
     let mut sum = [[0.0; N]; N];
     let mut term = [[0.0; N]; N];
@@ -196,22 +198,25 @@ fn exponential_integral<const N: usize>(a: &[[f64; N]; N], n: usize, dt: f64) ->
     }
     for order in 2..=8 {
         let mut next = [[0.0; N]; N];
-        let mut largest: f64 = 0.0;
+        let mut largest = [0.0f64; N];
+        let share = dt / f64::from(order);
         for i in 0..n {
+            let mut row = [0.0; N];
             for l in 0..n {
-                let f = a[i][l] * dt / order as f64;
+                let f = a[i][l] * share;
                 if f != 0.0 {
-                    for j in 0..n {
-                        next[i][j] += f * term[l][j];
+                    for j in 0..N {
+                        row[j] += f * term[l][j];
                     }
                 }
             }
-            for j in 0..n {
-                sum[i][j] += next[i][j];
-                largest = largest.max(next[i][j].abs());
+            for j in 0..N {
+                sum[i][j] += row[j];
+                largest[j] = largest[j].max(row[j].abs());
             }
+            next[i] = row;
         }
-        if largest < 1e-7 * dt {
+        if largest.iter().all(|v| *v < 1e-7 * dt) {
             break;
         }
         term = next;

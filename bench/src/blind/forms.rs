@@ -18,7 +18,7 @@ pub static FORMS: &[(&str, &dyn Effect)] = &[
     ("trapped_air", &TrappedAirPolytropic),
     ("pump_lag", &PumpLagSecondOrder),
     ("pump_warming", &PumpWarmingTwoMasses),
-    ("pressure_drift", &PressureDriftLinear),
+    ("pressure_drift", &PressureDriftTwoTimes),
 ];
 
 /// The name by which an effect must be found: of a form the id that it stands for, of any other its own.
@@ -356,29 +356,32 @@ impl Law for PumpWarmingTwoMasses {
     }
 }
 
-/// A zero that runs away steadily.
-struct PressureDriftLinear;
+/// A bridge that warms soon, in a housing that follows late.
+struct PressureDriftTwoTimes;
 
-impl Law for PressureDriftLinear {
+impl Law for PressureDriftTwoTimes {
     const HEADER: Header = header(
-        "pressure_drift_linear",
+        "pressure_drift_two_times",
         Balance::Sensor,
         &[PortKind::Sensor],
-        "p_i shown = p_i + o_i + r_i*t",
+        "p_i shown = p_i + o_i + d_i*(1 - 0.5*exp(-t/tau) - 0.5*exp(-t/(10*tau)))",
         &[
             Parameter { name: "o1", unit: "bar", lower: -2.0, upper: 2.0, typical: 0.02, size: true },
-            Parameter { name: "r1", unit: "bar/s", lower: -0.1, upper: 0.1, typical: 1e-3, size: true },
+            Parameter { name: "d1", unit: "bar", lower: -2.0, upper: 2.0, typical: 0.05, size: true },
             Parameter { name: "o2", unit: "bar", lower: -2.0, upper: 2.0, typical: 0.02, size: true },
-            Parameter { name: "r2", unit: "bar/s", lower: -0.1, upper: 0.1, typical: 1e-3, size: true },
+            Parameter { name: "d2", unit: "bar", lower: -2.0, upper: 2.0, typical: 0.05, size: true },
+            shape("tau", "s", 2.0, 60.0, 10.0),
         ],
         0,
-        &[&[0.0, 1e-3, 0.0, 0.0], &[0.03, 0.0, 0.0, 0.0], &[0.0, 0.0, 0.02, -5e-4]],
+        &[&[0.0, 0.05, 0.0, 0.0, 10.0], &[0.03, 0.0, 0.0, 0.0, 20.0], &[0.0, 0.0, 0.02, -0.03, 6.0]],
     );
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Sensor(s) = port {
+            let time = S::constant(s.time_s) / k[4];
+            let grown = -((-time).exp() + (time * -0.1).exp()) * 0.5 + 1.0;
             for i in 0..2 {
-                s.pressure_bar[i] += k[2 * i] + k[2 * i + 1] * s.time_s;
+                s.pressure_bar[i] += k[2 * i] + k[2 * i + 1] * grown;
             }
         }
     }

@@ -15,27 +15,42 @@ impl Law for EndStop {
         id: "end_stop",
         balance: Balance::Torque,
         ports: &[PortKind::Mechanical],
-        summary: "an elastic contact acts near both ends of the angle range",
-        equation: "M -= k*max(0, abs(phi) - phi_c)*sgn(phi), the corner rounded over 0.002 rad",
+        summary: "an elastic contact acts near an end of the angle range, or near both",
+        equation: "M -= k1*max(0, phi - phi_c) - k2*max(0, -phi - phi_c), the corners rounded over 0.002 rad",
         validity: "linear contact without loss, at the same angle on both sides",
         measure: "push the lever slowly to its end with the bypass open and read the force sensor",
         literature: "Johnson, Contact Mechanics, 1985; paper, remark below eq. (2) on angles beyond 30 degrees",
         parameters: &[
-            Parameter { name: "k", unit: "Nm/rad", lower: 0.0, upper: 500.0, typical: 10.0, size: true },
+            Parameter { name: "k1", unit: "Nm/rad", lower: 0.0, upper: 500.0, typical: 10.0, size: true },
+            Parameter { name: "k2", unit: "Nm/rad", lower: 0.0, upper: 500.0, typical: 10.0, size: true },
             Parameter { name: "phi_c", unit: "deg", lower: 15.0, upper: 60.0, typical: 36.0, size: false },
         ],
         states: 0,
-        starts: &[&[3.0, 27.0], &[10.0, 32.0], &[10.0, 36.0], &[60.0, 34.0], &[60.0, 38.0]],
+        starts: &[
+            &[3.0, 3.0, 27.0],
+            &[10.0, 10.0, 32.0],
+            &[10.0, 10.0, 36.0],
+            &[60.0, 60.0, 34.0],
+            &[60.0, 60.0, 38.0],
+            &[20.0, 0.0, 24.0],
+            &[0.0, 20.0, 24.0],
+            &[60.0, 0.0, 30.0],
+            &[0.0, 60.0, 30.0],
+        ],
         passive: true,
     };
-    const REFINED: Option<Refined> = Some(Refined { effect: &Progressive, neutral: &[1.0], starts: &[&[1.5], &[2.0]] });
+    const REFINED: Option<Refined> = Some(Refined {
+        effect: &Progressive,
+        neutral: &[1.0, 0.0, 0.0],
+        starts: &[&[1.5, 0.0, 0.0], &[2.0, 0.0, 0.0], &[1.0, 0.0, 0.5]],
+    });
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
-        press(k, port, |depth| depth);
+        press([k[0], k[1]], [k[2], k[2]], port, |depth, _| depth);
     }
 }
 
-/// A contact that stiffens or softens with its depth.
+/// A contact that stiffens or softens with its depth, begins earlier at one end, and loses what it was pushed in with.
 struct Progressive;
 
 /// Depth at which a progressive contact presses as hard as a linear one, rad.
@@ -43,43 +58,49 @@ const USUAL_DEPTH_RAD: f64 = 0.05;
 
 impl Law for Progressive {
     const HEADER: Header = Header {
-        equation: "M -= k*d_0*(d/d_0)^n*sgn(phi), d = max(0, abs(phi) - phi_c) with its corner rounded over 0.002 rad, d_0 = 0.05 rad",
-        validity: "elastic contact without loss, at the same angle on both sides; n = 1.5 for two rounded bodies",
+        equation: "M -= k1*f(phi - phi_c - e) - k2*f(-phi - phi_c + e), f(d) = d_0*(d/d_0)^n*max(0, 1 + c*d') for d > 0, its corner rounded over 0.002 rad, d_0 = 0.05 rad",
+        validity: "n = 1.5 for two rounded bodies; a loss that grows with the force (Hunt and Crossley), so the contact never pulls",
+        literature: "Johnson, Contact Mechanics, 1985; Hunt, Crossley, J. Appl. Mech. 42 (1975) 440",
         parameters: &[
             EndStop::HEADER.parameters[0],
             EndStop::HEADER.parameters[1],
+            EndStop::HEADER.parameters[2],
             Parameter { name: "n", unit: "1", lower: 0.8, upper: 4.0, typical: 1.5, size: false },
+            Parameter { name: "e", unit: "deg", lower: -15.0, upper: 15.0, typical: 2.0, size: false },
+            Parameter { name: "c", unit: "s/rad", lower: 0.0, upper: 5.0, typical: 0.3, size: false },
         ],
-        starts: &[&[5.0, 24.0, 2.0], &[5.0, 29.0, 2.0], &[20.0, 33.0, 2.0]],
+        starts: &[
+            &[5.0, 5.0, 24.0, 2.0, 0.0, 0.0],
+            &[5.0, 5.0, 29.0, 2.0, 0.0, 0.0],
+            &[20.0, 20.0, 33.0, 2.0, 0.0, 0.0],
+        ],
         ..EndStop::HEADER
     };
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
-        press(k, port, |depth| (depth / USUAL_DEPTH_RAD).powf(k[2]) * USUAL_DEPTH_RAD);
+        press([k[0], k[1]], [k[2] + k[4], k[2] - k[4]], port, |depth, speed| {
+            (depth / USUAL_DEPTH_RAD).powf(k[3]) * USUAL_DEPTH_RAD * (k[5] * speed + 1.0).at_least(0.0)
+        });
     }
 }
 
-/// `k[0]` times a function of how deep the lever is beyond `k[1]`, against it.
-fn press<S: Scalar>(k: &[S], port: &mut Port<'_, S>, of_depth: impl Fn(S) -> S) {
+/// A force by depth (rad) and speed (rad/s) beyond the angle `phi_c_deg` of each end, the positive one first, against the lever.
+fn press<S: Scalar>(k: [S; 2], phi_c_deg: [S; 2], port: &mut Port<'_, S>, force: impl Fn(S, S) -> S) {
     if let Port::Mechanical(m) = port {
-        let depth = m.angle_rad.abs() - k[1] * (std::f64::consts::PI / 180.0);
-        let pressed = if depth.value() <= -0.5 * CLOSING_RAD {
-            return;
-        } else if depth.value() < 0.5 * CLOSING_RAD {
-            let closed = depth + 0.5 * CLOSING_RAD;
-            closed * closed / (2.0 * CLOSING_RAD)
-        } else {
-            depth
-        };
-        // a power has no slope at 0
-        if pressed.value() <= 1e-9 {
-            return;
-        }
-        let torque = k[0] * of_depth(pressed);
-        if m.angle_rad.value() > 0.0 {
-            m.torque_nm -= torque;
-        } else {
-            m.torque_nm += torque;
+        for (end, side) in [1.0, -1.0].into_iter().enumerate() {
+            let depth = m.angle_rad * side - phi_c_deg[end] * (std::f64::consts::PI / 180.0);
+            let pressed = if depth.value() <= -0.5 * CLOSING_RAD {
+                continue;
+            } else if depth.value() < 0.5 * CLOSING_RAD {
+                let closed = depth + 0.5 * CLOSING_RAD;
+                closed * closed / (2.0 * CLOSING_RAD)
+            } else {
+                depth
+            };
+            // a power has no slope at 0
+            if pressed.value() > 1e-9 {
+                m.torque_nm -= k[end] * force(pressed, m.velocity_rad_s * side) * side;
+            }
         }
     }
 }

@@ -1,6 +1,6 @@
 //! A pressure sensor whose zero is off, constantly or more and more since it was switched on.
 
-use super::{Balance, Header, Law, Parameter};
+use super::{Balance, Header, Law, Parameter, Refined};
 use crate::port::{Port, PortKind};
 use crate::scalar::Scalar;
 
@@ -34,11 +34,47 @@ impl Law for PressureDrift {
         passive: false,
     };
 
+    const REFINED: Option<Refined> = Some(Refined { effect: &GoingOn, neutral: &[0.0], starts: &[&[1.0], &[0.3]] });
+
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
-        if let Port::Sensor(s) = port {
-            let grown = -(S::constant(-s.time_s) / k[4]).exp() + 1.0;
-            s.pressure_bar[0] += k[0] + k[1] * grown;
-            s.pressure_bar[1] += k[2] + k[3] * grown;
-        }
+        shift(k, port, |time| settled(time));
+    }
+}
+
+/// A zero that goes on drifting instead of settling.
+struct GoingOn;
+
+impl Law for GoingOn {
+    const HEADER: Header = Header {
+        equation: "p_shown = p + o + d*((1 - s)*(1 - exp(-t/tau)) + s*t/tau) for each sensor: o1, d1, o2, d2, one tau, one s",
+        validity: "t since the run's start; s = 0 settles, 1 drifts steadily",
+        parameters: &[
+            PressureDrift::HEADER.parameters[0],
+            PressureDrift::HEADER.parameters[1],
+            PressureDrift::HEADER.parameters[2],
+            PressureDrift::HEADER.parameters[3],
+            PressureDrift::HEADER.parameters[4],
+            Parameter { name: "s", unit: "1", lower: 0.0, upper: 1.0, typical: 0.3, size: false },
+        ],
+        starts: &[&[0.0, 0.05, 0.0, 0.0, 60.0, 1.0], &[0.0, 0.0, 0.0, 0.05, 60.0, 1.0]],
+        ..PressureDrift::HEADER
+    };
+
+    fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
+        shift(k, port, |time| settled(time) + k[5] * (time - settled(time)));
+    }
+}
+
+/// How far a zero has settled after so many time constants.
+fn settled<S: Scalar>(time: S) -> S {
+    -(-time).exp() + 1.0
+}
+
+/// Shifts both zeros by their constant part and by how far their drift has `grown` after so many time constants.
+fn shift<S: Scalar>(k: &[S], port: &mut Port<'_, S>, grown: impl Fn(S) -> S) {
+    if let Port::Sensor(s) = port {
+        let grown = grown(S::constant(s.time_s) / k[4]);
+        s.pressure_bar[0] += k[0] + k[1] * grown;
+        s.pressure_bar[1] += k[2] + k[3] * grown;
     }
 }

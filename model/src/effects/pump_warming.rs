@@ -25,7 +25,7 @@ impl Law for PumpWarming {
         starts: &[&[0.01, 15.0], &[0.01, 60.0], &[0.03, 250.0], &[0.3, 30.0], &[0.5, 120.0]],
         passive: true,
     };
-    const REFINED: Option<Refined> = Some(Refined { effect: &SlowerAndSlower, neutral: &[1e-6], starts: &[&[1.0]] });
+    const REFINED: Option<Refined> = Some(Refined { effect: &OtherPace, neutral: &[0.0], starts: &[&[1.0], &[-0.9]] });
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Line(l) = port {
@@ -35,26 +35,38 @@ impl Law for PumpWarming {
     }
 }
 
-/// A body that warms ever more slowly: several time constants in a row.
-struct SlowerAndSlower;
+/// A body that warms ever more slowly, with several time constants in a row, or steadily.
+struct OtherPace;
 
-impl Law for SlowerAndSlower {
+impl Law for OtherPace {
     const HEADER: Header = Header {
-        equation: "Q -= k*(1 - (1 + s*t/tau)^(-1/s))*dp*opening of the brake valve",
-        validity: "t since the run's start; s = 0 one time constant, 1 a hyperbola",
+        equation: "Q -= k*(1 - (1 + s*t/tau)^(-1/s))*dp*opening of the brake valve; all of it where the bracket is below 0",
+        validity: "t since the run's start; s = 0 one time constant, 1 a hyperbola, -1 a steady rise for tau",
         parameters: &[
             PumpWarming::HEADER.parameters[0],
             PumpWarming::HEADER.parameters[1],
-            Parameter { name: "s", unit: "1", lower: 1e-6, upper: 4.0, typical: 1.0, size: false },
+            Parameter { name: "s", unit: "1", lower: -1.0, upper: 4.0, typical: 1.0, size: false },
         ],
-        starts: &[&[0.03, 60.0, 1.0]],
+        starts: &[&[0.03, 60.0, 1.0], &[0.1, 300.0, -0.9]],
         ..PumpWarming::HEADER
     };
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Line(l) = port {
-            let warmed = -(-((k[2] * l.time_s / k[1] + 1.0).ln() / k[2])).exp() + 1.0;
+            let warmed = -(-slowed(S::constant(l.time_s) / k[1], k[2])).exp() + 1.0;
             l.flow_ml_s -= k[0] * warmed * l.dp_bar * l.opening;
         }
+    }
+}
+
+/// `ln(1 + s*x)/s`, which is x where s is 0.
+fn slowed<S: Scalar>(x: S, s: S) -> S {
+    let product = s * x;
+    if product.value().abs() < 1e-3 {
+        // both sides of the quotient vanish: its series, to 2e-13
+        let series = product * (product * (product * -0.25 + 1.0 / 3.0) - 0.5) + 1.0;
+        x * series
+    } else {
+        (product + 1.0).at_least(1e-9).ln() / s
     }
 }

@@ -9,7 +9,7 @@ mod slopes;
 
 use super::*;
 use crate::parameters::Parameters;
-use crate::port::{AMBIENT_BAR, ActuatorPort, HydraulicPort, LinePort, MechanicalPort};
+use crate::port::{AMBIENT_BAR, ActuatorPort, HydraulicPort, LinePort, MechanicalPort, SensorPort};
 use crate::rec::{self, Circuit, Input, Lever, STATES};
 use crate::scalar::Tangent;
 
@@ -269,7 +269,12 @@ fn mirrored(id: &str, k: &[f64]) -> Option<Vec<f64>> {
     Some(match id {
         // the first two are one chamber's and the other's; a form's own parameters hold for both
         "external_leakage" | "trapped_air" | "pressure_lag" => [&[k[1], k[0]], &k[2..]].concat(),
-        "pressure_drift" => vec![k[2], k[3], k[0], k[1], k[4]],
+        "pressure_drift" => [&[k[2], k[3], k[0], k[1]], &k[4..]].concat(),
+        "end_stop" => {
+            let mut turned = [&[k[1], k[0]], &k[2..]].concat();
+            turned.iter_mut().skip(4).take(1).for_each(|e| *e = -*e);
+            turned
+        }
         "tilt" => vec![k[0], -k[1]],
         "angle_offset" | "quadratic_stiffness" | "force_offset" | "asymmetric_coulomb" => vec![-k[0]],
         "pump_asymmetry" => k.iter().map(|v| -v).collect(),

@@ -186,10 +186,17 @@ fn warming_begins_cold_and_ends_at_its_slip() {
 }
 
 #[test]
-fn a_zero_runs_away_steadily() {
-    let mut s = SensorPort { time_s: 100.0, angle_deg: 5.0, pressure_bar: [2.0, 3.0] };
-    PressureDriftLinear.act_value(&[0.05, 1e-3, -0.02, 0.0], &[], &mut [], &mut Port::Sensor(&mut s));
-    assert_eq!(s.angle_deg, 5.0);
-    alike(s.pressure_bar[0], 2.15);
-    alike(s.pressure_bar[1], 2.98);
+fn a_zero_drifts_half_soon_and_half_late() {
+    let off = |time_s: f64| {
+        let mut s = SensorPort { time_s, angle_deg: 5.0, pressure_bar: [2.0, 3.0] };
+        let k = [0.05, 0.4, -0.02, -0.2, 10.0];
+        PressureDriftTwoTimes.act_value(&k, &[], &mut [], &mut Port::Sensor(&mut s));
+        assert_eq!(s.angle_deg, 5.0);
+        [s.pressure_bar[0] - 2.0, s.pressure_bar[1] - 3.0]
+    };
+    for (o, d, sensor) in [(0.05, 0.4, 0), (-0.02, -0.2, 1)] {
+        alike(off(0.0)[sensor], o);
+        alike(off(10.0)[sensor], o + d * (1.0 - 0.5 * (-1f64).exp() - 0.5 * (-0.1f64).exp()));
+        alike(off(2000.0)[sensor], o + d);
+    }
 }

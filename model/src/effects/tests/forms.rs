@@ -68,13 +68,25 @@ fn alike(a: f64, b: f64) {
 }
 
 #[test]
-fn a_contact_presses_with_its_power_and_as_a_linear_one_at_the_usual_depth() {
-    let at = |depth_rad: f64, n: f64| torque("end_stop", &[10.0, 30.0, n], 30f64.to_radians() + depth_rad, 0.0);
+fn a_contact_presses_with_its_power_as_a_linear_one_at_the_usual_depth_at_either_end() {
+    let of = |n: f64, e: f64, c: f64| [10.0, 10.0, 30.0, n, e, c];
+    let at = |depth_rad: f64, n: f64| torque("end_stop", &of(n, 0.0, 0.0), 30f64.to_radians() + depth_rad, 0.0);
     for n in [0.8, 1.0, 1.5, 2.0, 4.0] {
         alike(at(0.05, n), -10.0 * 0.05);
         alike(at(0.1, n) / at(0.05, n), 2f64.powf(n));
         assert_eq!(at(-0.01, n), 0.0, "before it touches");
-        assert_eq!(torque("end_stop", &[10.0, 30.0, n], -0.6, 0.0), -torque("end_stop", &[10.0, 30.0, n], 0.6, 0.0));
+        assert_eq!(torque("end_stop", &of(n, 0.0, 0.0), -0.6, 0.0), -torque("end_stop", &of(n, 0.0, 0.0), 0.6, 0.0));
+    }
+    // the positive end 3 degrees later, the negative one 3 degrees sooner
+    let sooner = |degrees: f64| torque("end_stop", &of(1.0, 3.0, 0.0), degrees.to_radians(), 0.0);
+    assert_eq!(sooner(32.0), 0.0);
+    alike(-sooner(36.0), sooner(-30.0));
+    // pushed in it resists more than it gives back, and it never pulls
+    let moving = |w: f64, side: f64| side * torque("end_stop", &of(1.0, 0.0, 0.5), 0.6 * side, w * side);
+    for side in [1.0, -1.0] {
+        alike(moving(1.0, side) / moving(0.0, side), 1.5);
+        alike(moving(-1.0, side) / moving(0.0, side), 0.5);
+        assert_eq!(moving(-3.0, side), 0.0);
     }
 }
 
@@ -107,7 +119,7 @@ fn a_leak_goes_with_its_power_of_pressure_and_what_leaves_one_chamber_enters_the
 }
 
 #[test]
-fn warming_is_half_done_after_its_time_constant_where_it_is_a_hyperbola() {
+fn warming_is_half_done_after_its_time_constant_where_it_is_a_hyperbola_and_may_be_steady() {
     let slip = |time_s: f64, s: f64| {
         let mut line = line(time_s, 1.0);
         general("pump_warming").act_value(&[0.4, 60.0, s], &[], &mut [], &mut Port::Line(&mut line));
@@ -115,13 +127,40 @@ fn warming_is_half_done_after_its_time_constant_where_it_is_a_hyperbola() {
     };
     alike(slip(60.0, 1.0), 0.2);
     alike(slip(180.0, 1.0), 0.3);
-    alike(slip(60.0, 1e-6), 0.4 * (1.0 - (-1f64).exp()));
-    for s in [1e-6, 0.5, 1.0, 4.0] {
+    alike(slip(60.0, 0.0), 0.4 * (1.0 - (-1f64).exp()));
+    alike(slip(30.0, -1.0), 0.2);
+    alike(slip(600.0, -1.0), 0.4);
+    // the series meets the quotient
+    let near = |s: f64| slip(60.0, s);
+    assert!((near(1.001e-3) - near(0.999e-3)).abs() < 1e-6 && near(0.999e-3) != near(0.0));
+    for s in [-0.05, 0.0, 0.5, 1.0, 4.0] {
         assert_eq!(slip(0.0, s), 0.0, "cold");
         // all warm alike at first: k/tau
         alike(slip(0.01, s), 0.4 / 60.0 * 0.01);
         assert!(slip(600.0, s) < 0.4 && slip(600.0, s) > slip(300.0, s));
     }
+}
+
+#[test]
+fn a_zero_that_drifts_steadily_goes_as_far_in_every_minute_and_begins_as_one_that_settles() {
+    let off = |time_s: f64, s: f64| {
+        let mut shown = SensorPort { time_s, angle_deg: 0.0, pressure_bar: [2.0, 3.0] };
+        general("pressure_drift").act_value(
+            &[0.1, 0.3, 0.0, -0.2, 40.0, s],
+            &[],
+            &mut [],
+            &mut Port::Sensor(&mut shown),
+        );
+        [shown.pressure_bar[0] - 2.0, shown.pressure_bar[1] - 3.0]
+    };
+    for s in [0.0, 0.4, 1.0] {
+        assert_eq!(off(0.0, s), [0.1, 0.0].map(|o| 2.0 + o - 2.0), "at switch-on the constant part alone");
+        alike(off(0.04, s)[1], -0.2 * 1e-3);
+    }
+    alike(off(80.0, 1.0)[1] / off(40.0, 1.0)[1], 2.0);
+    alike(off(400.0, 0.0)[1], -0.2);
+    let halves = off(100.0, 0.0)[1] + off(100.0, 1.0)[1];
+    alike(off(100.0, 0.5)[1], 0.5 * halves);
 }
 
 #[test]
