@@ -44,8 +44,10 @@ pub struct LinePort<S> {
     pub dp_bar: S,
     /// Flow from chamber 2 to chamber 1; an effect may replace it, ml/s.
     pub flow_ml_s: S,
-    /// Size of the flow's slope over the pressure difference, ml/(s bar), positive.
+    /// Size of the slope of the pump's flow over the pressure difference, ml/(s bar), positive.
     pub slip_ml_s_bar: S,
+    /// Conductance of the bypass, ml/(s bar); 0 where it is closed. Its flow, this times -dp, is part of the flow.
+    pub bypass_ml_s_bar: S,
     /// Part of the flow that the voltage drives, ml/s: what eq. (10) has beyond f3*dp, 0 in the dead zone.
     pub drive_ml_s: S,
     /// Opening of the brake valve, 0 closed to 1 open.
@@ -104,13 +106,14 @@ impl<S: Scalar> LinePort<S> {
     /// An open line through which nothing flows yet, with the voltage (V) and the pressure difference (bar) across the pump.
     pub fn open(time_s: f64, voltage_v: S, dp_bar: S) -> Self {
         let zero = S::zero();
-        let (flow_ml_s, slip_ml_s_bar, drive_ml_s) = (zero, zero, zero);
+        let (flow_ml_s, slip_ml_s_bar, bypass_ml_s_bar, drive_ml_s) = (zero, zero, zero, zero);
         LinePort {
             time_s,
             voltage_v,
             dp_bar,
             flow_ml_s,
             slip_ml_s_bar,
+            bypass_ml_s_bar,
             drive_ml_s,
             opening: S::constant(1.0),
             open: true,

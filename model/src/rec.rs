@@ -267,18 +267,15 @@ pub(crate) fn derivative_by<S: Scalar, const EFFECTS: bool>(
             flow -= k[K_B] * dp;
         }
         if touches(PortKind::Line) {
-            // slope of the flow over the pressure difference
-            let mut slip =
-                if delivers { k[F3] + k[F2] * actuator.voltage_v.abs() } else { k[F3] } * actuator.brake_opening;
-            if bypass {
-                slip -= k[K_B];
-            }
+            // slope of the pump's flow over the pressure difference
+            let slip = if delivers { k[F3] + k[F2] * actuator.voltage_v.abs() } else { k[F3] } * actuator.brake_opening;
             let mut line = LinePort {
                 time_s: t,
                 voltage_v: actuator.voltage_v,
                 dp_bar: dp,
                 flow_ml_s: flow,
                 slip_ml_s_bar: slip.abs().at_least(0.02),
+                bypass_ml_s_bar: if bypass { k[K_B] } else { S::zero() },
                 drive_ml_s: (delivered - k[F3] * dp) * actuator.brake_opening,
                 opening: actuator.brake_opening,
                 open: actuator.brake_opening.value() > 0.0 || bypass,

@@ -1,4 +1,4 @@
-//! The first-order lag that several effects share, and a dead time, both down to none at all.
+//! Lags of first and second order that several effects share, and a dead time, all down to none at all.
 
 use crate::scalar::Scalar;
 
@@ -16,6 +16,17 @@ pub(super) fn first_order<S: Scalar>(tau_s: S, input: S, state: S) -> (S, S) {
         // to first order in tau: the state follows within SHORTEST_S, and tau/SHORTEST_S of its distance is passed on
         ((input - state) / SHORTEST_S, input + (state - input) * (tau_s / SHORTEST_S))
     }
+}
+
+/// A lag of second order, `memory_s*tau_s*y'' + tau_s*y' + y = input`: (derivatives of the two states, what is passed on). The states are `y` and
+/// what drives it, `tau_s*y'`. It swings where `memory_s` is more than a quarter of `tau_s`, is [`first_order`] where it is 0, and passes the input on
+/// exactly at `tau_s` = 0.
+#[inline(always)]
+pub(super) fn second_order<S: Scalar>(tau_s: S, memory_s: S, input: S, state: [S; 2]) -> ([S; 2], S) {
+    let [y, drive] = state;
+    let (rate, drive) = first_order(memory_s, input - y, drive);
+    let passed = if tau_s.value() > SHORTEST_S { y } else { input + (y - input) * (tau_s / SHORTEST_S) };
+    ([drive / tau_s.at_least(SHORTEST_S), rate], passed)
 }
 
 /// `input` as it was `delay_s` ago: (derivatives of the two states, the delayed value). The rational function of degree 1 over 2 that agrees with

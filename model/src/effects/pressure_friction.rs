@@ -1,6 +1,6 @@
 //! Friction that grows with the pressures, as the paper expects at the end of its sec. 4.4.
 
-use super::{Balance, Header, Law, Parameter};
+use super::{Balance, Header, Law, Parameter, Refined};
 use crate::port::{Port, PortKind};
 use crate::scalar::Scalar;
 
@@ -25,10 +25,43 @@ impl Law for PressureFriction {
         starts: &[&[0.03, 0.02], &[0.4, 0.02], &[1.0, 0.05]],
         passive: true,
     };
+    const REFINED: Option<Refined> =
+        Some(Refined { effect: &Lubricated, neutral: &[1.0, 0.0], starts: &[&[1.0, 0.9], &[1.0, 0.4], &[0.6, 0.0]] });
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Mechanical(m) = port {
             m.torque_nm -= k[0] * m.load_bar * (m.velocity_rad_s / k[1]).tanh();
+        }
+    }
+}
+
+/// Oil between the surfaces, so that a share of the friction grows with speed, and surfaces that bear otherwise than in proportion to the load.
+struct Lubricated;
+
+/// Sum of the gauge pressures at which a friction by any power is as large as one in proportion, bar.
+const USUAL_LOAD_BAR: f64 = 3.0;
+
+impl Law for Lubricated {
+    const HEADER: Header = Header {
+        equation: "M -= k*g_0*(g/g_0)^m*((1 - v)*tanh(w/w_s) + v*w/w_0), g = p1 + p2 - 2*p_amb, g_0 = 3 bar, w_0 = 1 rad/s",
+        validity: "v = 1: viscous",
+        literature: "Olsson et al., Friction models and friction compensation, Eur. J. Control 4 (1998); Merritt, Hydraulic Control Systems, 1967, ch. 4",
+        parameters: &[
+            PressureFriction::HEADER.parameters[0],
+            PressureFriction::HEADER.parameters[1],
+            Parameter { name: "m", unit: "1", lower: 0.2, upper: 3.0, typical: 1.0, size: false },
+            Parameter { name: "v", unit: "1", lower: 0.0, upper: 1.0, typical: 0.4, size: false },
+        ],
+        starts: &[&[0.2, 0.02, 1.0, 1.0], &[0.1, 0.02, 0.5, 0.0]],
+        ..PressureFriction::HEADER
+    };
+
+    fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Mechanical(m) = port {
+            // a power has no slope at 0
+            let load = (m.load_bar / USUAL_LOAD_BAR).at_least(1e-6).powf(k[2]) * USUAL_LOAD_BAR;
+            let dry = (m.velocity_rad_s / k[1]).tanh();
+            m.torque_nm -= k[0] * load * (dry + k[3] * (m.velocity_rad_s - dry));
         }
     }
 }

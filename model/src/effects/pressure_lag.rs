@@ -1,7 +1,7 @@
 //! Pressure sensors that are slow.
 
-use super::lag::first_order;
-use super::{Balance, Header, Law, Parameter};
+use super::lag::{first_order, second_order};
+use super::{Balance, Header, Law, Parameter, Refined};
 use crate::port::{Port, PortKind, Rest};
 use crate::scalar::Scalar;
 
@@ -26,6 +26,7 @@ impl Law for PressureLag {
         starts: &[&[0.005, 0.0], &[0.0, 0.005], &[0.005, 0.005], &[0.05, 0.0], &[0.0, 0.05], &[0.2, 0.2]],
         passive: false,
     };
+    const REFINED: Option<Refined> = Some(Refined { effect: &Swinging, neutral: &[0.0], starts: &[&[0.2], &[0.5]] });
 
     fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Sensor(s) = port {
@@ -37,5 +38,38 @@ impl Law for PressureLag {
 
     fn rest<S: Scalar>(&self, _k: &[S], rest: &Rest<S>, x: &mut [S]) {
         x.copy_from_slice(&rest.pressure_bar);
+    }
+}
+
+/// A sensor that has a mass, or oil in its bore, to move: it swings, or is slow twice.
+struct Swinging;
+
+impl Law for Swinging {
+    const HEADER: Header = Header {
+        equation: "z*tau_i^2*y_i'' + tau_i*y_i' + y_i = p_i; sensor i = 1, 2 shows y_i",
+        validity: "second order, alike in both sensors: two equal lags at z = 0.25, damping 1/(2*sqrt(z))",
+        parameters: &[
+            PressureLag::HEADER.parameters[0],
+            PressureLag::HEADER.parameters[1],
+            Parameter { name: "z", unit: "1", lower: 0.0, upper: 2.0, typical: 0.25, size: false },
+        ],
+        states: 4,
+        starts: &[&[0.03, 0.0, 0.25], &[0.0, 0.03, 0.25], &[0.03, 0.03, 0.5]],
+        ..PressureLag::HEADER
+    };
+
+    fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Sensor(s) = port {
+            for i in 0..2 {
+                let (rates, shown) = second_order(k[i], k[i] * k[2], s.pressure_bar[i], [x[i], x[2 + i]]);
+                (dx[i], dx[2 + i]) = (rates[0], rates[1]);
+                s.pressure_bar[i] = shown;
+            }
+        }
+    }
+
+    fn rest<S: Scalar>(&self, _k: &[S], rest: &Rest<S>, x: &mut [S]) {
+        x[..2].copy_from_slice(&rest.pressure_bar);
+        x[2..].fill(S::zero());
     }
 }

@@ -278,3 +278,97 @@ fn a_valve_whose_armature_travels_first_opens_late_and_then_soon() {
         }
     }
 }
+
+/// A line at rest at the chambers' end, over half a second: its flow at each 0.02 ms.
+fn line_flow(k: &[f64], slip: f64, delivered: f64) -> Vec<f64> {
+    let (mut x, mut dx) = ([0.0; 2], [0.0; 2]);
+    let step = |_| {
+        let mut l = LinePort { flow_ml_s: delivered, slip_ml_s_bar: slip, ..LinePort::open(1.0, 12.0, 0.0) };
+        general("line_inertance").act_value(k, &x, &mut dx, &mut Port::Line(&mut l));
+        // symplectic: neither feeds the swing nor damps it
+        x[1] += 2e-5 * dx[1];
+        let mut l = LinePort { flow_ml_s: delivered, slip_ml_s_bar: slip, ..LinePort::open(1.0, 12.0, 0.0) };
+        general("line_inertance").act_value(k, &x, &mut dx, &mut Port::Line(&mut l));
+        x[0] += 2e-5 * dx[0];
+        l.flow_ml_s
+    };
+    (0..25_000).map(step).collect()
+}
+
+#[test]
+fn a_line_with_oil_to_compress_swings_and_one_without_follows_as_a_lag() {
+    let (i, c, slip) = (0.02, 0.03, 0.05);
+    let swing = line_flow(&[i, c, 0.0], slip, 4.0);
+    // damping of the node by the pump's slip: 2 D w0 = slip/C
+    let (w0, damping) = ((1.0 / (i * c) as f64).sqrt(), 0.5 * slip / c);
+    let period = std::f64::consts::TAU / (w0 * w0 - damping * damping).sqrt();
+    let peak = swing.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).expect("not empty");
+    assert!((peak.0 as f64 * 2e-5 / (0.5 * period) - 1.0).abs() < 0.01, "{} s", peak.0 as f64 * 2e-5);
+    alike(peak.1 / 4.0 - 1.0, (-damping * 0.5 * period).exp());
+    let lag = line_flow(&[0.4, 0.0, 0.0], 0.25, 4.0);
+    assert!((lag[5_000] - 4.0 * (1.0 - (-1f64).exp())).abs() < 0.06, "{}", lag[5_000]);
+    assert!(lag.windows(2).all(|w| w[1] >= w[0]) && (lag[24_999] - 4.0).abs() < 0.04);
+}
+
+#[test]
+fn a_bypass_at_the_chambers_equalises_at_once_and_one_at_the_pump_through_the_line() {
+    let flow = |k: &[f64], opening: f64| {
+        let mut l = LinePort {
+            flow_ml_s: -80.0,
+            bypass_ml_s_bar: 40.0,
+            slip_ml_s_bar: 0.2,
+            opening,
+            ..LinePort::open(1.0, 0.0, 2.0)
+        };
+        general("line_inertance").act_value(k, &[0.0; 2], &mut [0.0; 2], &mut Port::Line(&mut l));
+        l.flow_ml_s
+    };
+    for opening in [0.0, 1.0] {
+        assert_eq!(flow(&[0.4, 0.01, 0.0], opening), -80.0);
+        assert_eq!(flow(&[0.4, 0.01, 1.0], opening), 0.0, "the oil in the line stands still at first");
+        alike(flow(&[0.4, 0.01, 0.25], opening), -60.0);
+    }
+}
+
+#[test]
+fn friction_by_pressure_grows_with_its_power_of_load_and_its_share_of_speed() {
+    let at = |load_bar: f64, w: f64, m: f64, v: f64| {
+        let mut port = MechanicalPort { load_bar, ..MechanicalPort::at(1.0, 0.0, w) };
+        general("pressure_friction").act_value(&[0.2, 0.02, m, v], &[], &mut [], &mut Port::Mechanical(&mut port));
+        port.torque_nm
+    };
+    for (m, v) in [(1.0, 0.0), (0.5, 1.0), (2.0, 0.4)] {
+        alike(at(3.0, 1.0, m, v), -0.6);
+        alike(at(6.0, 1.0, m, v) / at(3.0, 1.0, m, v), 2f64.powf(m));
+        assert_eq!(at(3.0, 0.0, m, v), 0.0);
+        assert_eq!(at(3.0, -0.7, m, v), -at(3.0, 0.7, m, v));
+    }
+    alike(at(3.0, 0.5, 1.0, 1.0), -0.3);
+    alike(at(3.0, 0.5, 1.0, 0.0), -0.6);
+}
+
+#[test]
+fn a_sensor_of_second_order_is_late_by_its_time_and_swings_where_its_mass_is_large() {
+    // pressures after a step of 1 bar at each 0.05 ms
+    let stepped = |tau: f64, z: f64| {
+        let (mut x, mut dx) = ([2.0, 3.0, 0.0, 0.0], [0.0; 4]);
+        let step = |_| {
+            let mut s = SensorPort { time_s: 1.0, angle_deg: 0.0, pressure_bar: [3.0, 3.0] };
+            general("pressure_lag").act_value(&[tau, 0.0, z], &x, &mut dx, &mut Port::Sensor(&mut s));
+            x.iter_mut().zip(&dx).for_each(|(x, d)| *x += 5e-5 * d);
+            assert_eq!(s.pressure_bar[1], 3.0, "the other sensor is fast");
+            s.pressure_bar[0] - 2.0
+        };
+        (0..20_000).map(step).collect::<Vec<f64>>()
+    };
+    for z in [0.0, 0.25, 0.5, 1.0] {
+        let shown = stepped(0.03, z);
+        let late_s = shown.iter().map(|y| (1.0 - y) * 5e-5).sum::<f64>();
+        assert!((late_s - 0.03).abs() < 2e-4, "{late_s}");
+        // overshoot of a second order system of damping D = 1/(2*sqrt(z))
+        let overshoot = shown.iter().fold(0.0, |most: f64, y| most.max(y - 1.0));
+        let d = 0.5 / z.sqrt();
+        let expected = if d < 1.0 { (-std::f64::consts::PI * d / (1.0 - d * d).sqrt()).exp() } else { 0.0 };
+        assert!((overshoot - expected).abs() < 0.01, "{overshoot} for {expected}");
+    }
+}
