@@ -8,7 +8,9 @@ use crate::problem::{Point, Problem};
 /// A general form is taken where it leaves at most this share of the cost.
 const BETTER: f64 = 0.98;
 
-/// A few steps tell which start leads down.
+/// So many starts that cost least are followed,
+const FOLLOWED: usize = 4;
+/// a few steps, which tell which of them leads down.
 const FEW: Effort = Effort { iterations: 3, tolerance: 1e-3, promise: f64::INFINITY, creep: 0.0, ahead: false };
 
 /// The fit, or a better one in which those of these effects that have a general form carry it, brought to its minimum with this effort. Effects that
@@ -23,10 +25,16 @@ pub fn refined(problem: &Problem, found: Fit, added: &[&str], effort: Effort) ->
         // from the form that was found, and from those that such effects have
         let bent = form.starts.iter().map(|own| [plain, own].concat());
         let starts = bent.chain(form.effect.header().starts.iter().map(|s| s.to_vec()));
-        let led = starts.filter_map(|values| {
-            let (layout, point) = with_form(&best, n, &values);
-            fit(problem, &layout, point, FEW).ok()
-        });
+        let mut costly: Vec<(f64, Layout, Point)> = starts
+            .map(|values| {
+                let (layout, point) = with_form(&best, n, &values);
+                (problem.cost(&layout, &point), layout, point)
+            })
+            .filter(|(cost, ..)| cost.is_finite())
+            .collect();
+        costly.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let followed = costly.into_iter().take(FOLLOWED);
+        let led = followed.filter_map(|(_, layout, point)| fit(problem, &layout, point, FEW).ok());
         let Some(led) = led.min_by(|a, b| a.cost.total_cmp(&b.cost)) else { continue };
         if let Ok(general) = fit(problem, &led.layout, led.point, effort)
             && general.cost < BETTER * best.cost

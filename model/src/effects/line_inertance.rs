@@ -26,8 +26,11 @@ impl Law for LineInertance {
         starts: &[&[0.005], &[0.03], &[0.1], &[0.4]],
         passive: false,
     };
-    const REFINED: Option<Refined> =
-        Some(Refined { effect: &Compliant, neutral: &[0.0, 0.0], starts: &[&[0.02, 0.0], &[0.0, 1.0], &[0.02, 1.0]] });
+    const REFINED: Option<Refined> = Some(Refined {
+        effect: &Compliant,
+        neutral: &[0.0, 0.0],
+        starts: &[&[1e-3, 0.0], &[5e-3, 0.0], &[0.02, 0.0], &[1e-3, 1.0]],
+    });
 
     fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Line(l) = port {
@@ -52,11 +55,20 @@ impl Law for Compliant {
         validity: "one node of capacity at the pump; a closing valve stops the line's oil at once where nothing passes beside it",
         parameters: &[
             LineInertance::HEADER.parameters[0],
-            Parameter { name: "C", unit: "ml/bar", lower: 0.0, upper: 1.0, typical: 0.02, size: false },
+            Parameter { name: "C", unit: "ml/bar", lower: 0.0, upper: 1.0, typical: 5e-3, size: false },
             Parameter { name: "s", unit: "1", lower: 0.0, upper: 1.0, typical: 0.5, size: false },
         ],
         states: 2,
-        starts: &[&[0.01, 0.02, 0.0], &[0.1, 0.02, 0.0], &[0.1, 0.0, 1.0]],
+        // 4 to 24 Hz, which a fit does not leave by itself
+        starts: &[
+            &[0.08, 0.02, 0.0],
+            &[0.04, 0.02, 0.0],
+            &[0.02, 0.02, 0.0],
+            &[0.01, 0.02, 0.0],
+            &[5e-3, 0.02, 0.0],
+            &[2e-3, 0.02, 0.0],
+            &[0.1, 0.0, 1.0],
+        ],
         ..LineInertance::HEADER
     };
 
