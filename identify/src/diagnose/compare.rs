@@ -1,7 +1,7 @@
 //! Refits of a round's candidates, and how they compare.
 
-use model::effects::Effect;
 use model::effects::empirical::EMPIRICAL;
+use model::effects::{Balance, Effect};
 use model::integrate::SimulationError;
 
 use super::holdout::HoldOut;
@@ -308,22 +308,24 @@ pub(super) fn where_they_differ(problem: &Problem, a: &Fit, b: &Fit) -> Result<S
 }
 
 /// The balance whose nameless terms predict left-out data best, refitted: what is fitted better may only be the set with more terms.
-/// `first`: the round of the whole library; `round`: of those terms at the same model; `colours`: of the noise.
+/// `first`: the round of the whole library; `round`: of those terms at the same model; `colours`: of the noise. `only`: of this balance alone.
 pub(super) fn empirical(
     search: &Search,
     first: &Round,
     round: &Round,
     colours: &[Colour],
+    only: Option<Balance>,
 ) -> Result<Option<Fit>, SimulationError> {
     let ports = search.problem.plant.header().ports;
     let terms = EMPIRICAL.iter().filter(|e| e.header().ports.iter().all(|p| ports.contains(p)));
+    let terms = terms.filter(|e| only.is_none_or(|balance| e.header().balance == balance));
     let mut gains: Vec<(f64, &'static dyn Effect)> =
         terms.map(|e| (round.gram.gain(&round.of(e.header().id)), *e)).collect();
     gains.sort_by(|a, b| b.0.total_cmp(&a.0));
     tracing::debug!(?gains, "nameless terms");
     let top = gains.first().map_or(0.0, |(g, _)| *g);
     let bases = search.bases(round, None, false);
-    let under = search.nameless_under_guide(first, colours)?;
+    let under = if only.is_some() { None } else { search.nameless_under_guide(first, colours)? };
     let open = |e: &'static dyn Effect| under.as_ref().is_none_or(|under| !under.rules_out(e));
     let worth = gains.into_iter().filter(|(g, e)| *g > 0.3 * top && open(*e)).take(3);
     let sets: Vec<Vec<&'static dyn Effect>> = worth.map(|(_, e)| vec![e]).collect();

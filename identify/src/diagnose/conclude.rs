@@ -79,7 +79,10 @@ impl Search<'_> {
                         chosen = Some(n);
                         None
                     }
-                    _ => nameless,
+                    _ => match nameless {
+                        Some(terms) => Some(self.where_a_name_points(&mut found, first, terms)?),
+                        None => None,
+                    },
                 }
             }
             None => None,
@@ -133,10 +136,10 @@ impl Search<'_> {
     /// reference model.
     pub fn nameless(&self, found: &mut Found, first: &Round, certain: bool) -> Result<Option<Step>, SimulationError> {
         if certain {
-            return self.look_for_nameless(found, first, true);
+            return self.look_for_nameless(found, first, true, None);
         }
         if found.convincing.is_none() {
-            found.convincing = Some(self.look_for_nameless(found, first, false)?);
+            found.convincing = Some(self.look_for_nameless(found, first, false, None)?);
         }
         Ok(found.convincing.clone().flatten())
     }
@@ -146,6 +149,7 @@ impl Search<'_> {
         found: &mut Found,
         first: &Round,
         certain: bool,
+        only: Option<Balance>,
     ) -> Result<Option<Step>, SimulationError> {
         let reference = found.steps[0].clone();
         let round = Round::new(&self.brief, first.scene.fit, EMPIRICAL.iter().copied())?;
@@ -154,7 +158,7 @@ impl Search<'_> {
         if p > LEVEL && !certain {
             return Ok(None);
         }
-        let Some(fit) = empirical(self, first, &round, &found.colours)? else { return Ok(None) };
+        let Some(fit) = empirical(self, first, &round, &found.colours, only)? else { return Ok(None) };
         let step = self.step(fit, Vec::new())?;
         found.learn(self.problem, &step.residual);
         let before = self.left(found, &reference);
@@ -164,6 +168,21 @@ impl Search<'_> {
         tracing::info!(term = ?step.fit.layout.effects, share, held, better, "nameless term");
         let convincing = held > 0.0 && better > PREFERRED && share > 0.0;
         Ok((certain || convincing).then_some(step))
+    }
+
+    /// Terms without a name, or those of the balance in which the names that were refused lie, all in one, where these predict data left out better than
+    /// the terms do: terms that explain less than a name that is not the explanation say nothing of where it lies.
+    fn where_a_name_points(&self, found: &mut Found, first: &Round, terms: Step) -> Result<Step, SimulationError> {
+        let names = &found.last().names;
+        let Some(balance) = names.first().map(|n| n.effect.header().balance) else { return Ok(terms) };
+        let of_terms = terms.fit.layout.effects.last().map(|e| e.header().balance);
+        let in_one = names.iter().all(|n| n.effect.header().balance == balance);
+        let total = |step: &Step| misfit::total(&self.left(found, step));
+        if !in_one || of_terms == Some(balance) || total(&terms) <= total(found.last()) {
+            return Ok(terms);
+        }
+        tracing::info!(?balance, "the names that were refused say more of the balance than terms without a name");
+        Ok(self.look_for_nameless(found, first, true, Some(balance))?.unwrap_or(terms))
     }
 
     /// What a fit carries, with values and standard errors.
