@@ -297,10 +297,10 @@ fn line_flow(k: &[f64], slip: f64, delivered: f64) -> Vec<f64> {
 
 #[test]
 fn a_line_with_oil_to_compress_swings_and_one_without_follows_as_a_lag() {
-    let (i, c, slip) = (0.02, 0.03, 0.05);
+    let (i, c, slip): (f64, f64, f64) = (0.02, 0.03, 0.05);
     let swing = line_flow(&[i, c, 0.0], slip, 4.0);
     // damping of the node by the pump's slip: 2 D w0 = slip/C
-    let (w0, damping) = ((1.0 / (i * c) as f64).sqrt(), 0.5 * slip / c);
+    let (w0, damping) = ((1.0 / (i * c)).sqrt(), 0.5 * slip / c);
     let period = std::f64::consts::TAU / (w0 * w0 - damping * damping).sqrt();
     let peak = swing.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).expect("not empty");
     assert!((peak.0 as f64 * 2e-5 / (0.5 * period) - 1.0).abs() < 0.01, "{} s", peak.0 as f64 * 2e-5);
