@@ -29,7 +29,7 @@ fn at(campaign: &Campaign, protocol: Protocol) -> usize {
 fn drawn_campaigns_pass_whatever_acts_in_them() {
     let effects: [&[(&str, &[f64])]; 8] = [
         &[],
-        &[("end_stop", &[200.0, 200.0, 20.0])],
+        &[("end_stop", &[20.0, 20.0, 28.0])],
         &[("backlash", &[1.0, 1.0])],
         &[("stribeck_friction", &[1.0, 0.1])],
         &[("pressure_friction", &[0.3])],

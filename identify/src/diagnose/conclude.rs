@@ -173,14 +173,10 @@ impl Search<'_> {
     /// Terms without a name, or those of the balance in which the names that were refused lie, all in one, where these predict data left out better than
     /// the terms do: terms that explain less than a name that is not the explanation say nothing of where it lies.
     fn where_a_name_points(&self, found: &mut Found, first: &Round, terms: Step) -> Result<Step, SimulationError> {
-        let names = &found.last().names;
-        let Some(balance) = names.first().map(|n| n.effect.header().balance) else { return Ok(terms) };
+        let names: Vec<Balance> = found.last().names.iter().map(|n| n.effect.header().balance).collect();
         let of_terms = terms.fit.layout.effects.last().map(|e| e.header().balance);
-        let in_one = names.iter().all(|n| n.effect.header().balance == balance);
         let total = |step: &Step| misfit::total(&self.left(found, step));
-        if !in_one || of_terms == Some(balance) || total(&terms) <= total(found.last()) {
-            return Ok(terms);
-        }
+        let Some(balance) = pointed_at(&names, of_terms, total(found.last()), total(&terms)) else { return Ok(terms) };
         tracing::info!(?balance, "the names that were refused say more of the balance than terms without a name");
         Ok(self.look_for_nameless(found, first, true, Some(balance))?.unwrap_or(terms))
     }
@@ -295,6 +291,13 @@ fn enough(names: usize, largest: f64, of_whole: f64) -> Option<f64> {
     (largest > GROSS).then_some(NEXT_TO_NOTHING)
 }
 
+/// The balance of the names that were refused, where it is one, not that of the terms without a name, and the names leave less than those.
+fn pointed_at(names: &[Balance], terms: Option<Balance>, left_by_names: f64, left_by_terms: f64) -> Option<Balance> {
+    let own = *names.first()?;
+    let elsewhere = names.iter().all(|b| *b == own) && terms != Some(own);
+    (elsewhere && left_by_names < left_by_terms).then_some(own)
+}
+
 /// 1 - structured residual after / before, over the parts that decide.
 fn explained_share(before: &[Part], after: &[Part]) -> f64 {
     let total = misfit::total(before);
@@ -317,6 +320,17 @@ fn balance_p_values(first: &Round, last: &Round, added: &[Added]) -> Vec<(Balanc
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn refused_names_point_at_their_balance_where_terms_without_one_say_less() {
+        use Balance::{Flow, Sensor, Torque};
+        assert_eq!(pointed_at(&[Torque], Some(Sensor), 0.8, 0.9), Some(Torque));
+        assert_eq!(pointed_at(&[Torque, Torque], Some(Sensor), 0.8, 0.9), Some(Torque));
+        assert_eq!(pointed_at(&[Torque], Some(Sensor), 0.8, 0.4), None, "the terms say more");
+        assert_eq!(pointed_at(&[Torque, Flow], Some(Sensor), 0.8, 0.9), None, "two balances");
+        assert_eq!(pointed_at(&[Torque], Some(Torque), 0.8, 0.9), None, "it is theirs");
+        assert_eq!(pointed_at(&[], Some(Torque), 0.8, 0.9), None, "nothing was refused");
+    }
 
     #[test]
     fn a_name_leaves_noise_or_a_matter_of_its_form_and_a_second_one_does_much_or_all() {
