@@ -137,3 +137,31 @@ fn wall_creep_returns_all_its_oil() {
     assert!((most / (k[0] * 3.0 * (1.0 - (-1.5f64 / 0.4).exp())) - 1.0).abs() < 0.01, "took {most} ml");
     assert!(taken[0].abs() < 1e-9 && taken[1] == 0.0, "{taken:?}");
 }
+
+#[test]
+fn a_stop_with_a_loss_keeps_a_part_of_every_push_and_never_pulls() {
+    let stop = find("end_stop").and_then(|e| e.refined()).expect("it has a general form").effect;
+    // pushed 0.05 rad beyond contact and back, half a sine long
+    let kept = |c: f64, seconds: f64, side: f64| {
+        let (n, contact) = (20_000, 30f64.to_radians());
+        let step = seconds / f64::from(n);
+        let (mut work, mut pushed) = (0.0, 0.0);
+        for i in 0..n {
+            let turn = std::f64::consts::PI / seconds;
+            let phase = turn * (f64::from(i) + 0.5) * step;
+            let (angle, w) = (contact + 0.05 * phase.sin(), 0.05 * turn * phase.cos());
+            let mut m = MechanicalPort::at(1.0, side * angle, side * w);
+            stop.act_value(&[40.0, 40.0, 30.0, 1.5, 0.0, c], &[], &mut [], &mut Port::Mechanical(&mut m));
+            let against = -side * m.torque_nm;
+            assert!(against >= 0.0, "it pulls");
+            work += against * w * step;
+            pushed += (against * w).max(0.0) * step;
+        }
+        work / pushed
+    };
+    for side in [1.0, -1.0] {
+        assert!(kept(0.0, 0.2, side).abs() < 1e-6, "without a loss all comes back");
+        assert!(kept(0.5, 0.2, side) > 0.2);
+        assert!(kept(0.5, 0.1, side) > kept(0.5, 0.2, side), "a faster push loses more");
+    }
+}
