@@ -1,13 +1,16 @@
 //! Names that another one makes needless.
 //!
 //! Where two effects act, the first round may name a third one that does a little of both. Once the true ones are there, the fit is as
-//! good without it. And where the first name's fit was caught in a false minimum, a second one may only have helped it out.
+//! good without it. And where the first name's fit was caught in a false minimum, a second one may only have helped it out: its size
+//! then runs towards nothing, and what little chance lets it gain may be alike in all clusters.
 
 use model::integrate::SimulationError;
 
-use super::PREFERRED;
 use super::search::{Search, Step};
+use super::{MATERIAL, PREFERRED};
+use crate::colour::{Colour, colours};
 use crate::fit::{Effort, Fit};
+use crate::misfit;
 use crate::problem::Problem;
 use crate::refit::advantage;
 
@@ -30,7 +33,7 @@ impl Search<'_> {
     }
 }
 
-/// The fit without its `n`-th effect, where it is as good, cluster by cluster.
+/// The fit without its `n`-th effect, where it is as good, cluster by cluster, or where what that effect does would not matter.
 fn needless(problem: &Problem, fit: &Fit, n: usize) -> Result<Option<Fit>, SimulationError> {
     let (clusters, count) = crate::score::clusters(problem);
     let with = problem.residuals(&fit.layout, &fit.point)?;
@@ -39,6 +42,13 @@ fn needless(problem: &Problem, fit: &Fit, n: usize) -> Result<Option<Fit>, Simul
     let Ok(less) = crate::fit::fit(problem, &layout, point, effort) else { return Ok(None) };
     let left = problem.residuals(&less.layout, &less.point)?;
     let (_, worse) = advantage(&left, &with, &clusters, count);
-    tracing::info!(name = fit.layout.effects[n].header().id, worse, "is the name needed");
-    Ok((worse < PREFERRED).then_some(less))
+    let does = does(problem, &with, &left, &colours(problem, &with));
+    tracing::info!(name = fit.layout.effects[n].header().id, worse, does, "is the name needed");
+    Ok((worse < PREFERRED || does < MATERIAL).then_some(less))
+}
+
+/// Structured residual (noise floors, of all runs and channels) that an effect takes away. `with`, `left`: residuals with it and without.
+fn does(problem: &Problem, with: &[Vec<f64>], left: &[Vec<f64>], noise: &[Colour]) -> f64 {
+    let total = |residuals: &[Vec<f64>]| misfit::total(&misfit::parts(problem, residuals, noise));
+    (total(left) - total(with)).max(0.0).sqrt()
 }
