@@ -1,7 +1,8 @@
-//! The earlier of two names, seen again beside the later one.
+//! A name, seen again beside another one.
 //!
 //! The first round sees what both effects do together, and may name one that does a little of both, or find two that do as well. Beside
-//! the second name its candidates are compared once more: each for what the second leaves.
+//! the second name its candidates are compared once more: each for what the second leaves. Where one round names two at once, neither
+//! was compared beside the other, so both are seen again.
 
 use model::integrate::SimulationError;
 
@@ -13,15 +14,35 @@ use crate::fit::{Effort, Fit};
 use crate::refit::{Refit, advantage};
 
 impl Search<'_> {
-    /// The step with the first of its two names as the comparison beside the second leaves it: with other rivals or none, or replaced by
-    /// one that does better. `brief`: the step's fit to the brief runs. A step with other than two names stays as it is.
-    pub fn reviewed(&self, found: &mut Found, step: Step, brief: &Fit) -> Result<Step, SimulationError> {
-        let [first, second] = &step.names[..] else { return Ok(step) };
-        let own = first.effect.header().id;
-        let Some(n) = brief.layout.effects.iter().position(|e| e.header().id == own) else { return Ok(step) };
+    /// The step with these of its two names as the comparison beside the other leaves each: with other rivals or none, or replaced by one
+    /// that does better. `brief`: the step's fit to the brief runs. A step with other than two names stays as it is.
+    pub fn reviewed(
+        &self,
+        found: &mut Found,
+        step: Step,
+        brief: Fit,
+        ids: &[&'static str],
+    ) -> Result<Step, SimulationError> {
+        let mut seen = (step, brief);
+        for id in ids {
+            seen = self.seen_again(found, seen, id)?;
+        }
+        Ok(seen.0)
+    }
+
+    /// [`Search::reviewed`] for one name, with the fit to the brief runs that goes with the step.
+    fn seen_again(
+        &self,
+        found: &mut Found,
+        (step, brief): (Step, Fit),
+        own: &'static str,
+    ) -> Result<(Step, Fit), SimulationError> {
+        let [one, two] = &step.names[..] else { return Ok((step, brief)) };
+        let (first, second) = if one.effect.header().id == own { (one, two) } else { (two, one) };
+        let Some(n) = brief.layout.effects.iter().position(|e| e.header().id == own) else { return Ok((step, brief)) };
         let (layout, point) = brief.without(n);
         let effort = Effort { iterations: 12, tolerance: 1e-6, ..Effort::default() };
-        let Ok(alone) = crate::fit::fit(&self.brief, &layout, point, effort) else { return Ok(step) };
+        let Ok(alone) = crate::fit::fit(&self.brief, &layout, point, effort) else { return Ok((step, brief)) };
         let gross = is_gross(&self.brief, &alone, &found.colours)?;
         let open = self.open(&alone);
         let round = Round::new(&self.brief, &alone, open.iter().copied())?;
@@ -29,12 +50,12 @@ impl Search<'_> {
         let bases = self.bases(&round, guided, gross);
         let mut shortlist = self.shortlist(&round, &open, &bases)?;
         shortlist.retain(|set| set.len() == 1 && set[0].header().id != own);
-        let mut refits = refit_all(&self.brief, &bases, &round, &shortlist, Some(brief), self.progress);
+        let mut refits = refit_all(&self.brief, &bases, &round, &shortlist, Some(&brief), self.progress);
         refits.push(Refit { added: vec![own], fit: brief.clone(), led: None });
         refits.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
         let alike = look_alikes(&round, &refits, &open);
         if !alike.is_empty() {
-            refits.extend(refit_all(&self.brief, &bases, &round, &alike, Some(brief), self.progress));
+            refits.extend(refit_all(&self.brief, &bases, &round, &alike, Some(&brief), self.progress));
             refits.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
         }
         let others = rivals(&self.brief, &refits, alone.cost)?;
@@ -52,7 +73,7 @@ impl Search<'_> {
         };
         let equivalent = |set: &[&Refit]| set.iter().map(|r| r.added.join("+")).collect();
 
-        if !best.added.contains(&own) && self.is_better(best, brief)? {
+        if !best.added.contains(&own) && self.is_better(best, &brief)? {
             let fit = crate::fit::fit(self.problem, &best.fit.layout, best.fit.point.clone(), to_the_end());
             let effect = best.fit.layout.effects.iter().find(|e| best.added.contains(&e.header().id)).copied();
             if let (Ok(fit), Some(effect)) = (fit, effect)
@@ -66,22 +87,23 @@ impl Search<'_> {
                 found.learn(self.problem, &other.residual);
                 if self.accepts(found, &step, &other, best)? {
                     (self.progress)(&format!("{id} in the place of {own}"));
-                    return Ok(other);
+                    return Ok((other, best.fit.clone()));
                 }
             }
         }
         let set = beside(own);
         let among = best.added.contains(&own) || others.iter().any(|r| r.added.contains(&own));
         if !among {
-            return Ok(step);
+            return Ok((step, brief));
         }
-        let first = Name {
+        let seen = Name {
             probability: probability(own),
             equivalent: equivalent(&set),
-            next_experiment: next(brief, &set)?,
+            next_experiment: next(&brief, &set)?,
             ..first.clone()
         };
-        Ok(Step { names: vec![first, second.clone()], ..step })
+        let names = step.names.iter().map(|n| if n.effect.header().id == own { seen.clone() } else { n.clone() });
+        Ok((Step { names: names.collect(), ..step }, brief))
     }
 
     /// A refit is better than a fit of the brief runs, cluster by cluster.

@@ -342,7 +342,10 @@ impl<'a> Search<'a> {
         if self.is_beside_the_point(found, &last, &step) {
             return Ok(Some(step));
         }
-        self.reviewed(found, step, &best.fit).map(Some)
+        // a name of this round was compared beside the earlier one, unless both are of this round
+        let mut unseen: Vec<&'static str> = step.names.iter().map(|n| n.effect.header().id).collect();
+        unseen.retain(|id| best.added.len() > 1 || !best.added.contains(id));
+        self.reviewed(found, step, best.fit.clone(), &unseen).map(Some)
     }
 
     /// Every judge agrees: the fit is better where it was fitted and where it was not, by more than noise matters, and what
