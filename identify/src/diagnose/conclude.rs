@@ -170,13 +170,15 @@ impl Search<'_> {
         Ok((certain || convincing).then_some(step))
     }
 
-    /// Terms without a name, or those of the balance in which the names that were refused lie, all in one, where these predict data left out better than
-    /// the terms do: terms that explain less than a name that is not the explanation say nothing of where it lies.
+    /// Terms without a name, or those of the balance in which the names that were refused lie, all in one, where these fit the data and predict what was
+    /// left out better than the terms do: terms that explain less than a name that is not the explanation say nothing of where it lies.
     fn where_a_name_points(&self, found: &mut Found, first: &Round, terms: Step) -> Result<Step, SimulationError> {
         let names: Vec<Balance> = found.last().names.iter().map(|n| n.effect.header().balance).collect();
         let of_terms = terms.fit.layout.effects.last().map(|e| e.header().balance);
-        let total = |step: &Step| misfit::total(&self.left(found, step));
-        let Some(balance) = pointed_at(&names, of_terms, total(found.last()), total(&terms)) else { return Ok(terms) };
+        let leaves = |step: &Step| (step.fit.cost, misfit::total(&self.left(found, step)));
+        let Some(balance) = pointed_at(&names, of_terms, leaves(found.last()), leaves(&terms)) else {
+            return Ok(terms);
+        };
         tracing::info!(?balance, "the names that were refused say more of the balance than terms without a name");
         Ok(self.look_for_nameless(found, first, true, Some(balance))?.unwrap_or(terms))
     }
@@ -278,24 +280,31 @@ const NAMELESS: f64 = 0.5;
 /// The share of what names leave below which terms without a name must come to be preferred to them; `None` where names need no
 /// such comparison. `largest`: what they leave, noise floors; `of_whole`: as a share of what there was.
 ///
-/// A name whose form leaves a substantial part must do better, and one that leaves less of it, but certainly more than noise, not much worse. Two names that leave more than noise must in any case: many a foreign
-/// effect is imitated by two.
+/// A name whose form leaves a substantial part must do better, and at least as well where that is a gross misfit; one that leaves less of it, but
+/// certainly more than noise, not much worse. Two names that leave more than noise must in any case: many a foreign effect is imitated by two.
 fn enough(names: usize, largest: f64, of_whole: f64) -> Option<f64> {
     if names >= MOST_EFFECTS {
         let share = if of_whole > FORM_OF_TWO { 1.0 } else { NEXT_TO_NOTHING };
         return (largest >= IMITATED).then_some(share);
     }
     if of_whole >= SUBSTANTIAL {
-        return (largest >= CONSISTENT).then_some(NAMELESS);
+        return (largest >= CONSISTENT).then_some(if largest > GROSS { 1.0 } else { NAMELESS });
     }
     (largest > GROSS).then_some(NEXT_TO_NOTHING)
 }
 
-/// The balance of the names that were refused, where it is one, not that of the terms without a name, and the names leave less than those.
-fn pointed_at(names: &[Balance], terms: Option<Balance>, left_by_names: f64, left_by_terms: f64) -> Option<Balance> {
+/// The balance of the names that were refused, where it is one, not that of the terms without a name, and the names leave less than those, of what was
+/// fitted (cost) and of what was left out. Terms that fit far better may predict less only because they are many.
+fn pointed_at(
+    names: &[Balance],
+    terms: Option<Balance>,
+    left_by_names: (f64, f64),
+    left_by_terms: (f64, f64),
+) -> Option<Balance> {
     let own = *names.first()?;
     let elsewhere = names.iter().all(|b| *b == own) && terms != Some(own);
-    (elsewhere && left_by_names < left_by_terms).then_some(own)
+    let less = left_by_names.0 < left_by_terms.0 && left_by_names.1 < left_by_terms.1;
+    (elsewhere && less).then_some(own)
 }
 
 /// 1 - structured residual after / before, over the parts that decide.
@@ -324,12 +333,14 @@ mod tests {
     #[test]
     fn refused_names_point_at_their_balance_where_terms_without_one_say_less() {
         use Balance::{Flow, Sensor, Torque};
-        assert_eq!(pointed_at(&[Torque], Some(Sensor), 0.8, 0.9), Some(Torque));
-        assert_eq!(pointed_at(&[Torque, Torque], Some(Sensor), 0.8, 0.9), Some(Torque));
-        assert_eq!(pointed_at(&[Torque], Some(Sensor), 0.8, 0.4), None, "the terms say more");
-        assert_eq!(pointed_at(&[Torque, Flow], Some(Sensor), 0.8, 0.9), None, "two balances");
-        assert_eq!(pointed_at(&[Torque], Some(Torque), 0.8, 0.9), None, "it is theirs");
-        assert_eq!(pointed_at(&[], Some(Torque), 0.8, 0.9), None, "nothing was refused");
+        let (names, terms) = ((60.0, 0.8), (90.0, 0.9));
+        assert_eq!(pointed_at(&[Torque], Some(Sensor), names, terms), Some(Torque));
+        assert_eq!(pointed_at(&[Torque, Torque], Some(Sensor), names, terms), Some(Torque));
+        assert_eq!(pointed_at(&[Torque], Some(Sensor), names, (90.0, 0.4)), None, "the terms predict more");
+        assert_eq!(pointed_at(&[Torque], Some(Sensor), names, (50.0, 0.9)), None, "the terms fit more");
+        assert_eq!(pointed_at(&[Torque, Flow], Some(Sensor), names, terms), None, "two balances");
+        assert_eq!(pointed_at(&[Torque], Some(Torque), names, terms), None, "it is theirs");
+        assert_eq!(pointed_at(&[], Some(Torque), names, terms), None, "nothing was refused");
     }
 
     #[test]
@@ -367,7 +378,8 @@ mod tests {
         assert_eq!(enough(1, 0.3, 0.5), None, "noise, nearly");
         assert_eq!(enough(1, 1.0, 0.01), None, "a matter of its form");
         assert_eq!(enough(1, 2.0, 0.01), Some(NEXT_TO_NOTHING), "or the name of something else");
-        assert_eq!(enough(1, 2.0, 0.1), Some(NAMELESS));
+        assert_eq!(enough(1, 1.0, 0.1), Some(NAMELESS));
+        assert_eq!(enough(1, 30.0, 0.1), Some(1.0), "a gross part of the whole is no matter of form");
         assert_eq!(enough(2, 0.1, 0.5), None, "noise");
         assert_eq!(enough(2, 0.3, 0.001), Some(NEXT_TO_NOTHING));
         assert_eq!(enough(2, 2.0, 0.03), Some(1.0));
