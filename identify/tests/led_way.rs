@@ -89,3 +89,22 @@ fn a_torque_map_is_predicted_from_the_way_between_its_angles() {
     cut.iter_mut().for_each(|s| s.way_rad.clear());
     assert!(torque_error(&truth, &cut) > 0.9 * WALLS[0], "without the way they would seem fresh");
 }
+
+#[test]
+fn a_dwell_without_an_angle_is_passed_over_and_a_map_without_any_is_refused() {
+    let truth = Parameters::example();
+    let mut silent = torque_map(&truth);
+    let whole = stretches(0, "t.csv", Protocol::TorqueMap, Plane::Horizontal, &silent).unwrap();
+    let lost = &whole[1].time_s;
+    let (from, to) = (lost[0], lost[lost.len() - 1]);
+    for (angle, t) in silent.angle_deg.iter_mut().zip(&silent.time_s) {
+        if (from..=to).contains(t) {
+            *angle = f64::NAN;
+        }
+    }
+    let left = stretches(0, "t.csv", Protocol::TorqueMap, Plane::Horizontal, &silent).unwrap();
+    assert_eq!(left.len(), 2, "the others stay");
+    assert!(left.iter().all(|s| s.angle_rad.iter().chain(&s.initial).all(|v| v.is_finite())));
+    silent.angle_deg.fill(f64::NAN);
+    assert!(stretches(0, "t.csv", Protocol::TorqueMap, Plane::Horizontal, &silent).is_err());
+}

@@ -178,6 +178,14 @@ pub fn stretches(
             }
         }
     }
+    // where a sensor was silent for a whole stretch nobody knows what drove it
+    out.retain(|s| {
+        let known = s.has_inputs();
+        if !known {
+            tracing::warn!(file, from_s = s.time_s[0], "no angle or pressure there: the stretch is passed over");
+        }
+        known
+    });
     if out.is_empty() {
         return Err(unusable(format!("no usable segment of the protocol {protocol} in {} rows", r.len())));
     }

@@ -154,6 +154,12 @@ impl Stretch {
         .finish()
     }
 
+    /// All that drives it, and all that it starts from, is known.
+    pub(super) fn has_inputs(&self) -> bool {
+        let inputs = self.angle_rad.iter().chain(self.pressure_bar.iter().flatten());
+        inputs.chain(&self.initial).all(|v| v.is_finite())
+    }
+
     /// The input that acts from row `i` on for `dt` seconds.
     pub fn input(&self, i: usize, dt: f64) -> Input {
         let velocity = |series: &[f64]| if i + 1 < series.len() { (series[i + 1] - series[i]) / dt } else { 0.0 };
