@@ -44,11 +44,29 @@ fn needless(problem: &Problem, fit: &Fit, n: usize) -> Result<Option<Fit>, Simul
     let (_, worse) = advantage(&left, &with, &clusters, count);
     let does = does(problem, &with, &left, &colours(problem, &with));
     tracing::info!(name = fit.layout.effects[n].header().id, worse, does, "is the name needed");
-    Ok((worse < PREFERRED || does < MATERIAL).then_some(less))
+    Ok((!is_needed(worse, does)).then_some(less))
+}
+
+/// A name without which the fit is `worse`, in standard errors by clusters, and that `does` so much, in noise floors.
+fn is_needed(worse: f64, does: f64) -> bool {
+    worse >= PREFERRED && does >= MATERIAL
 }
 
 /// Structured residual (noise floors, of all runs and channels) that an effect takes away. `with`, `left`: residuals with it and without.
 fn does(problem: &Problem, with: &[Vec<f64>], left: &[Vec<f64>], noise: &[Colour]) -> f64 {
     let total = |residuals: &[Vec<f64>]| misfit::total(&misfit::parts(problem, residuals, noise));
     (total(left) - total(with)).max(0.0).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_needed_name_is_certain_and_matters() {
+        assert!(is_needed(5.0, 0.3));
+        assert!(!is_needed(1.0, 0.3), "chance may do as much");
+        assert!(!is_needed(8.0, 0.001), "chance may do as little everywhere");
+        assert!(!is_needed(-2.0, 0.0));
+    }
 }
