@@ -1,0 +1,91 @@
+//! Terms without a name in the balance of the chambers' oil.
+
+use super::{MEASURE, VALIDITY, each_alone, term, typical};
+use crate::effects::{Balance, Header, Law, Parameter};
+use crate::port::{AMBIENT_BAR, Port, PortKind, Rest};
+use crate::scalar::Scalar;
+
+static FLOW: [Parameter; 14] = [
+    term("leak_both", "ml/(s bar)", 0.002),
+    term("leak_difference", "ml/(s bar)", 0.002),
+    term("leak_square", "ml/(s bar^2)", 0.001),
+    term("transfer", "ml/(s bar)", 0.01),
+    term("transfer_cubic", "ml/(s bar^3)", 0.01),
+    term("capacity_low_pressure", "ml bar", 0.1),
+    term("capacity_low_pressure_difference", "ml bar", 0.1),
+    term("capacity_difference", "ml/bar", 0.02),
+    term("capacity_angle2", "ml/bar", 0.05),
+    term("capacity_angle4", "ml/bar", 0.05),
+    term("displacement_pressure", "ml/(rad bar)", 0.2),
+    term("displacement_difference", "ml/rad", 0.2),
+    term("displacement_angle2", "ml/rad", 0.5),
+    term("past_pressure", "ml/(s bar)", 0.02),
+];
+static FLOW_STARTS: [[f64; 14]; 14] = typical(&FLOW);
+
+/// Flows into the chambers, their capacity and displacement.
+pub struct EmpiricalFlow;
+
+impl Law for EmpiricalFlow {
+    const HEADER: Header = Header {
+        id: "empirical_flow",
+        balance: Balance::Flow,
+        ports: &[PortKind::Hydraulic],
+        summary: "smooth flows, capacities and displacements over pressure, angle and time",
+        equation: "q_i, C_i, C_v,i += sum of c_i * term_i; angle in units of 0.7 rad",
+        validity: VALIDITY,
+        measure: MEASURE,
+        literature: "",
+        parameters: &FLOW,
+        states: 2,
+        starts: &each_alone(&FLOW_STARTS),
+        passive: false,
+    };
+
+    fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Hydraulic(h) = port {
+            let dp = h.pressure_bar[0] - h.pressure_bar[1];
+            let a = h.angle_rad / 0.7;
+            if !h.shut_off {
+                let transfer = k[3] * dp + k[4] * dp * dp * dp;
+                h.flow_ml_s[0] -= transfer;
+                h.flow_ml_s[1] += transfer;
+            }
+            for (i, side) in [(0, 1.0), (1, -1.0)] {
+                let p = h.pressure_bar[i];
+                let gauge = p - AMBIENT_BAR;
+                // half a second's memory of the pressure
+                dx[i] = (p - x[i]) / 0.5;
+                h.flow_ml_s[i] -= gauge * (k[0] + k[1] * side + k[2] * gauge.abs()) + k[13] * (p - x[i]);
+                h.capacity_ml_bar[i] += (k[5] + k[6] * side) / (p * p) + k[7] * side + (k[8] + k[9] * a * a) * a * a;
+                h.displacement_ml_rad[i] += k[10] * (p - 2.5) * side + k[11] + k[12] * a * a * side;
+            }
+        }
+    }
+
+    fn rest<S: Scalar>(&self, _k: &[S], rest: &Rest<S>, x: &mut [S]) {
+        x.copy_from_slice(&rest.pressure_bar);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::alone;
+    use super::*;
+    use crate::port::HydraulicPort;
+
+    #[test]
+    fn what_one_chamber_lacks_and_what_grows_with_the_square_of_the_pressure_have_their_terms() {
+        let acts = |term: &str, pressure_bar: [f64; 2]| {
+            let k = alone::<EmpiricalFlow>(term, 0.3);
+            let mut port = HydraulicPort::at(1.0, pressure_bar);
+            EmpiricalFlow.act(&k, &pressure_bar, &mut [0.0; 2], &mut Port::Hydraulic(&mut port));
+            (port.flow_ml_s, port.capacity_ml_bar)
+        };
+        let (_, both) = acts("capacity_low_pressure", [2.0, 2.0]);
+        let (_, apart) = acts("capacity_low_pressure_difference", [2.0, 2.0]);
+        assert_eq!((both[0] + apart[0], both[1] + apart[1]), (0.15, 0.0), "air in chamber 1 alone");
+        let (flow, _) = acts("leak_square", [AMBIENT_BAR, AMBIENT_BAR + 2.0]);
+        assert!(flow[0] == 0.0 && (flow[1] + 1.2).abs() < 1e-12, "out of what is above ambient: {flow:?}");
+    }
+}

@@ -1,0 +1,115 @@
+//! Terms without a name in the flow through pump and line.
+
+use super::{MEASURE, VALIDITY, each_alone, grown, term, typical};
+use crate::effects::{Balance, Header, Law, Parameter};
+use crate::port::{Port, PortKind, Rest};
+use crate::scalar::Scalar;
+
+static PUMP: [Parameter; 12] = [
+    term("voltage2", "ml/s", 0.05),
+    term("voltage_square_odd", "ml/s", 0.05),
+    term("voltage3", "ml/s", 0.05),
+    term("dp_voltage2", "ml/(s bar)", 0.05),
+    term("dp_square_odd", "ml/(s bar^2)", 0.02),
+    term("dp3", "ml/(s bar^3)", 0.01),
+    term("time_dp", "ml/(s bar)", 0.02),
+    term("time_voltage", "ml/s", 0.05),
+    term("past_voltage_fast", "ml/s", 0.5),
+    term("past_voltage_slow", "ml/s", 0.2),
+    term("after_opening", "ml/s", 2.0),
+    term("after_closing", "ml/s", 2.0),
+];
+static PUMP_STARTS: [[f64; 12]; 12] = typical(&PUMP);
+
+/// Flow through pump and line.
+pub struct EmpiricalPump;
+
+impl Law for EmpiricalPump {
+    const HEADER: Header = Header {
+        id: "empirical_pump",
+        balance: Balance::Pump,
+        ports: &[PortKind::Line],
+        summary: "a smooth flow through pump and brake valve over voltage, its past, the valve's past, and time",
+        equation: "Q += sum of c_i * term_i while oil can pass, and after the brake was switched; voltage in units of 24 V",
+        validity: VALIDITY,
+        measure: MEASURE,
+        literature: "",
+        parameters: &PUMP,
+        states: 3,
+        starts: &each_alone(&PUMP_STARTS),
+        passive: false,
+    };
+
+    fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Line(l) = port {
+            let u = l.voltage_v / 24.0;
+            dx[0] = (u - x[0]) / 0.01;
+            dx[1] = (u - x[1]) / 0.2;
+            // what a valve passes shortly after it was switched; it need not open as it closes
+            dx[2] = (l.opening - x[2]) / 0.05;
+            let past = x[2] - l.opening;
+            l.flow_ml_s += if past.value() < 0.0 { k[10] } else { k[11] } * past * u;
+            if l.open {
+                let dp = l.dp_bar;
+                l.flow_ml_s += k[0] * u * u
+                    + k[1] * u * u.abs()
+                    + k[2] * u * u * u
+                    + k[3] * dp * u * u
+                    + (k[4] * dp.abs() + k[5] * dp * dp) * dp
+                    + (k[6] * dp + k[7] * u) * grown(l.time_s)
+                    + k[8] * (x[0] - u)
+                    + k[9] * (x[1] - u);
+            }
+        }
+    }
+
+    fn rest<S: Scalar>(&self, _k: &[S], rest: &Rest<S>, x: &mut [S]) {
+        x.fill(S::constant(rest.voltage_v / 24.0));
+        x[2] = S::constant(f64::from(u8::from(rest.brake_open)));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::alone;
+    use super::*;
+    use crate::port::LinePort;
+
+    const VOLTAGE_V: f64 = 12.0;
+
+    /// Flow that a term alone adds at this opening, and how the valve's memory moves.
+    fn past(term: &str, x: &[f64; 3], opening: f64) -> (f64, f64) {
+        let k = alone::<EmpiricalPump>(term, 3.0);
+        let mut line = LinePort { opening, open: opening > 0.0, ..LinePort::open(1.0, VOLTAGE_V, 0.7) };
+        let mut dx = [0.0; 3];
+        EmpiricalPump.act(&k, x, &mut dx, &mut Port::Line(&mut line));
+        (line.flow_ml_s, dx[2])
+    }
+
+    #[test]
+    fn a_valve_s_past_acts_after_its_switch_alone_and_is_forgotten() {
+        let settled = |opening: f64| [VOLTAGE_V / 24.0, VOLTAGE_V / 24.0, opening];
+        for term in ["after_opening", "after_closing"] {
+            for opening in [0.0, 1.0] {
+                assert_eq!(past(term, &settled(opening), opening), (0.0, 0.0), "a valve that stands");
+            }
+        }
+        let (closed, falls) = past("after_closing", &settled(1.0), 0.0);
+        let (opened, rises) = past("after_opening", &settled(0.0), 1.0);
+        assert!(closed > 0.0 && closed == -opened, "oil still passes, or does not yet");
+        assert!((falls, rises) == (-20.0, 20.0), "forgotten with 50 ms, 1/s");
+        assert_eq!(past("after_opening", &settled(1.0), 0.0).0, 0.0, "a valve may close at once");
+        assert_eq!(past("after_closing", &settled(0.0), 1.0).0, 0.0, "or open at once");
+    }
+
+    #[test]
+    fn a_slip_turns_with_the_pressure() {
+        let slip = |dp_bar: f64| {
+            let k = alone::<EmpiricalPump>("dp_square_odd", -0.5);
+            let mut line = LinePort::open(1.0, 0.0, dp_bar);
+            EmpiricalPump.act(&k, &[0.0, 0.0, 1.0], &mut [0.0; 3], &mut Port::Line(&mut line));
+            line.flow_ml_s
+        };
+        assert_eq!((slip(0.0), slip(2.0), slip(-2.0)), (0.0, -2.0, 2.0));
+    }
+}

@@ -1,0 +1,131 @@
+//! Terms without a name in what the sensors show.
+
+use super::{MEASURE, VALIDITY, each_alone, grown, term, typical};
+use crate::effects::{Balance, Header, Law, Parameter};
+use crate::port::{Port, PortKind, Rest};
+use crate::scalar::Scalar;
+
+static SENSOR: [Parameter; 17] = [
+    term("angle_zero", "deg", 0.05),
+    term("angle_gain", "1", 0.002),
+    term("pressure1_zero", "bar", 0.02),
+    term("pressure2_zero", "bar", 0.02),
+    term("pressure1_gain", "1", 0.005),
+    term("pressure2_gain", "1", 0.005),
+    term("pressure1_drift", "bar", 0.02),
+    term("pressure2_drift", "bar", 0.02),
+    term("pressure1_past", "1", 0.05),
+    term("pressure2_past", "1", 0.05),
+    term("pressure1_past_slow", "1", 0.02),
+    term("pressure2_past_slow", "1", 0.02),
+    term("angle_past", "1", 0.01),
+    term("angle_square", "deg", 0.05),
+    term("angle_cubic", "deg", 0.05),
+    term("pressure1_square", "1/bar", 0.005),
+    term("pressure2_square", "1/bar", 0.005),
+];
+static SENSOR_STARTS: [[f64; 17]; 17] = typical(&SENSOR);
+
+/// What the sensors show.
+pub struct EmpiricalSensor;
+
+impl Law for EmpiricalSensor {
+    const HEADER: Header = Header {
+        id: "empirical_sensor",
+        balance: Balance::Sensor,
+        ports: &[PortKind::Sensor],
+        summary: "zero, gain, bend, drift and lag of the sensors",
+        equation: "shown += sum of c_i * term_i; angle in units of 40 deg, pressure about 2.5 bar where it is bent",
+        validity: VALIDITY,
+        measure: MEASURE,
+        literature: "",
+        parameters: &SENSOR,
+        states: 5,
+        starts: &each_alone(&SENSOR_STARTS),
+        passive: false,
+    };
+
+    fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Sensor(s) = port {
+            for i in 0..2 {
+                let p = s.pressure_bar[i];
+                // a transducer forgets within milliseconds, a long hose or a wall between them within a second
+                dx[i] = (p - x[i]) / 0.02;
+                dx[2 + i] = (p - x[2 + i]) / 0.5;
+                let from_middle = p - 2.5;
+                s.pressure_bar[i] = p
+                    + k[2 + i]
+                    + k[4 + i] * from_middle
+                    + k[15 + i] * from_middle * from_middle
+                    + k[6 + i] * grown(s.time_s)
+                    + k[8 + i] * (x[i] - p)
+                    + k[10 + i] * (x[2 + i] - p);
+            }
+            let angle_deg = s.angle_deg;
+            let a = angle_deg / 40.0;
+            dx[4] = (angle_deg - x[4]) / 0.02;
+            s.angle_deg += k[0] + k[1] * angle_deg + (k[13] + k[14] * a) * a * a + k[12] * (x[4] - angle_deg);
+        }
+    }
+
+    fn rest<S: Scalar>(&self, _k: &[S], rest: &Rest<S>, x: &mut [S]) {
+        for i in 0..2 {
+            (x[i], x[2 + i]) = (rest.pressure_bar[i], rest.pressure_bar[i]);
+        }
+        x[4] = rest.angle_rad * (180.0 / std::f64::consts::PI);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::alone;
+    use super::*;
+    use crate::port::{Arrival, SensorPort};
+
+    #[test]
+    fn a_sensor_s_past_shows_after_a_change_alone_fast_or_slow() {
+        let (pressure_bar, angle_rad) = ([2.0, 3.0], 0.5f64);
+        let rest = Rest {
+            arrival: Arrival::Free,
+            angle_rad,
+            pressure_bar,
+            actuator_torque_nm: 0.0,
+            torque_nm: 0.0,
+            voltage_v: 0.0,
+            brake_open: true,
+        };
+        let mut still = [f64::NAN; 5];
+        EmpiricalSensor.rest(&[], &rest, &mut still);
+        let shown = |term: &str, x: &[f64; 5], pressure_bar: [f64; 2], angle_deg: f64| {
+            let k = alone::<EmpiricalSensor>(term, 0.3);
+            let mut port = SensorPort { time_s: 1.0, angle_deg, pressure_bar };
+            let mut dx = [0.0; 5];
+            EmpiricalSensor.act(&k, x, &mut dx, &mut Port::Sensor(&mut port));
+            (
+                [
+                    port.pressure_bar[0] - pressure_bar[0],
+                    port.pressure_bar[1] - pressure_bar[1],
+                    port.angle_deg - angle_deg,
+                ],
+                dx,
+            )
+        };
+        let angle_deg = angle_rad.to_degrees();
+        for (term, moved) in [
+            ("pressure1_past", [-0.3, 0.0, 0.0]),
+            ("pressure1_past_slow", [-0.3, 0.0, 0.0]),
+            ("pressure2_past", [0.0, -0.3, 0.0]),
+            ("pressure2_past_slow", [0.0, -0.3, 0.0]),
+            ("angle_past", [0.0, 0.0, -0.3]),
+        ] {
+            let (nothing, at_rest) = shown(term, &still, pressure_bar, angle_deg);
+            assert!(nothing.iter().chain(&at_rest).all(|v| v.abs() < 1e-12), "{term}: {nothing:?} {at_rest:?}");
+            let (late, _) = shown(term, &still, pressure_bar.map(|p| p + 1.0), angle_deg + 1.0);
+            assert!(late.iter().zip(moved).all(|(a, b)| (a - b).abs() < 1e-12), "{term}: {late:?}");
+        }
+        let (_, dx) = shown("angle_past", &still, pressure_bar.map(|p| p + 1.0), angle_deg + 1.0);
+        for (rate, per_second) in dx.iter().zip([50.0, 50.0, 2.0, 2.0, 50.0]) {
+            assert!((rate - per_second).abs() < 1e-9, "{dx:?}");
+        }
+    }
+}
