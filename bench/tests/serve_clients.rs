@@ -3,6 +3,7 @@
 mod serve_client;
 
 use serve_client::{Live, PATIENCE, Service, bench, samples, wait_for};
+use std::collections::BTreeSet;
 use std::os::fd::AsRawFd;
 use std::process::Stdio;
 use std::thread;
@@ -11,6 +12,11 @@ use std::time::{Duration, Instant};
 /// Times of the buckets, without those that only say that nothing is there.
 fn times(live: &Live) -> Vec<f64> {
     live.buckets.iter().map(|bucket| bucket.t_s).collect()
+}
+
+/// Numbers of the buckets of 10 ms that begin at these times.
+fn buckets_of(times_s: Vec<f64>) -> BTreeSet<u64> {
+    times_s.into_iter().map(|t_s| (t_s * 100.0).round() as u64).collect()
 }
 
 /// Longest distance between two buckets, s.
@@ -43,7 +49,6 @@ fn a_client_that_takes_nothing_holds_nobody_up_and_goes_on_with_the_newest() {
     quick.until("25 s more of the run", |quick| {
         quick.buckets.last().is_some_and(|bucket| bucket.t_s > stopped_at_s + 25.0)
     });
-    assert!(longest_gap_s(&quick) < 0.011, "who takes what comes misses nothing: {}", longest_gap_s(&quick));
     assert_eq!(service.state()["service"]["state"], "running", "what a client says has no effect");
     let newest_s = quick.buckets.last().expect("some").t_s;
     slow.until("the newest", |slow| slow.buckets.last().is_some_and(|bucket| bucket.t_s >= newest_s));
@@ -51,6 +56,12 @@ fn a_client_that_takes_nothing_holds_nobody_up_and_goes_on_with_the_newest() {
     assert!(slow.buckets.windows(2).all(|pair| pair[0].t_s < pair[1].t_s));
     service.done("/stop", "{}");
     service.wait_state("idle");
+    // On a busy machine the loop itself may be late and pass ticks over: a bucket without any sample is no bucket.
+    let known = buckets_of(times(&quick));
+    let (first, last) = (known.first().expect("some"), known.last().expect("some"));
+    let recorded: BTreeSet<u64> = samples(&service.recording()).iter().map(|sample| sample.tick / 10).collect();
+    let due: BTreeSet<u64> = recorded.range(first..=last).copied().collect();
+    assert_eq!(known, due, "who takes what comes misses nothing of what was recorded");
 }
 
 #[test]
