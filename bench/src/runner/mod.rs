@@ -1,10 +1,14 @@
 //! Runs one script after the other on a rig: the loop in real time or in lockstep, its samples over shared memory, the logger's
 //! recordings, the flight recorder's incidents. A campaign and a single run are the same to it.
 
+mod judged;
+
+pub use judged::{certify, judge};
+
 use crate::events::{aftermath, events_of, timeouts_of};
 use crate::failure::{Failure, Kind};
 use crate::incident::Incidents;
-use crate::logger::{Logger, LoggerError};
+use crate::logger::Logger;
 use crate::machine;
 use crate::operator::{self, Crier, People};
 use crate::progress::Progress;
@@ -12,13 +16,14 @@ use crate::recorder::{OnFull, ask_to_stop};
 use crate::rig_file::RigRecord;
 use crate::setup::{Knowledge, Setup};
 use drivers::journal::{Journal, JournalReader, Occurrence, Severity};
+use judged::{failure_of, say_refusals};
 use profiles::{Hands, Script};
-use recordings::{CampaignError, RunMetadata};
+use recordings::RunMetadata;
 use rt_core::announce::Announcer;
 use rt_core::system::{self, ProcessGuard, Report, Request};
 use rt_core::{
-    Clock, Device, Ended, FlightLog, FlightRecorder, Limits, Lockstep, LossCertificate, Operator, Pace, Publication,
-    RealTime, Run, RunReport, Stages, Supervisor, Switches,
+    Clock, Device, FlightLog, FlightRecorder, Limits, Lockstep, LossCertificate, Operator, Pace, Publication, RealTime,
+    Run, RunReport, Stages, Supervisor, Switches,
 };
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -358,55 +363,6 @@ impl Runner {
     }
 }
 
-/// What the system refuses is said once with the remedy, or ends the command.
-fn say_refusals(report: &Report, required: bool, say: bool, progress: &Progress) -> Result<(), Failure> {
-    let refused = report.refused();
-    if refused.is_empty() {
-        return Ok(());
-    }
-    let lines: Vec<String> = refused.iter().map(ToString::to_string).collect();
-    if required {
-        return Err(Failure::new(
-            Kind::Input,
-            format!(
-                "expected all that real time needs, as --require-rt says, and the system refuses: {}; `bench doctor` says what to change",
-                lines.join("; ")
-            ),
-        ));
-    }
-    if say {
-        lines.iter().for_each(|line| progress.say(&format!("real time: {line}")));
-    }
-    Ok(())
-}
-
-/// Whether the run was driven to the end that its script wanted.
-///
-/// # Errors
-/// A trip (5), a missed deadline with the policy to abort (6), a stop (130).
-pub fn judge(name: &str, report: &RunReport) -> Result<(), Failure> {
-    match report.ended {
-        Ended::Completed => Ok(()),
-        Ended::Tripped => {
-            let remedy = "the rig is in its safe state; remove the cause before the next run";
-            Err(Failure::new(Kind::Safety, format!("{name}: {report}; {remedy}")))
-        }
-        Ended::Aborted => {
-            let remedy = "`bench doctor` says what delays this machine, and `overrun = \"skip\"` in the profile lets a run go on";
-            Err(Failure::new(Kind::Loss, format!("{name}: {report}; {remedy}")))
-        }
-        Ended::Stopped => Err(Failure::new(Kind::Interrupted, format!("{name}: stopped; the outputs are zeroed"))),
-    }
-}
-
-/// N of N, or no success (6).
-pub fn certify(name: &str, certificate: &LossCertificate) -> Result<(), Failure> {
-    if certificate.is_lossless() {
-        return Ok(());
-    }
-    Err(Failure::new(Kind::Loss, format!("{name}: {certificate}; the recording can't be used, run it again")))
-}
-
 fn metadata(plan: &Plan<'_>, setup: &Setup, rig: &RigRecord) -> Result<RunMetadata, Failure> {
     let Script { name, protocol, role, plane, .. } = plan.script;
     let unknown = |e: recordings::UnknownWord| Failure::of(Kind::Internal, &e);
@@ -430,30 +386,4 @@ fn said_of(noted: Vec<Occurrence>, progress: &Progress) -> Vec<Occurrence> {
         progress.say(&format!("{}: {}", occurrence.source, occurrence.text));
     }
     noted
-}
-
-fn failure_of(error: &LoggerError) -> Failure {
-    let kind = match error {
-        LoggerError::Link(_) => Kind::Device,
-        LoggerError::Recording(CampaignError::Content(_)) => Kind::Input,
-        LoggerError::Recording(_) => Kind::Loss,
-        LoggerError::OtherRun { .. } | LoggerError::Thread(_) => Kind::Loss,
-    };
-    Failure::of(kind, error)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn lost_samples_are_exit_code_6() {
-        let whole = LossCertificate { run: 0, expected: 10, received: 10, gaps: vec![], end_seen: true };
-        assert_eq!(certify("a", &whole), Ok(()));
-        let lossy = LossCertificate { received: 9, gaps: vec![(4, 4)], ..whole.clone() };
-        let failure = certify("a", &lossy).expect_err("one is missing");
-        assert_eq!(failure.exit_code(), 6);
-        assert!(failure.message.contains("9 of 10 samples"), "{failure}");
-        assert!(certify("a", &LossCertificate { end_seen: false, ..whole }).is_err(), "an unknown length is no proof");
-    }
 }
