@@ -8,6 +8,7 @@ mod sensor;
 mod torque;
 
 use super::{Effect, Parameter};
+use crate::scalar::Scalar;
 use flow::EmpiricalFlow;
 use pump::EmpiricalPump;
 use sensor::EmpiricalSensor;
@@ -45,6 +46,11 @@ const fn each_alone<const N: usize>(rows: &'static [[f64; N]; N]) -> [&'static [
 const VALIDITY: &str = "the range of the data it was fitted to";
 const MEASURE: &str = "not a physical effect: look at the curve for one";
 
+/// What an orifice passes at a pressure difference, ml/s for one ml/(s sqrt(bar)); laminar within 0.05 bar.
+fn through_orifice<S: Scalar>(dp_bar: S) -> S {
+    dp_bar / (dp_bar * dp_bar + S::constant(0.05 * 0.05)).sqrt().sqrt()
+}
+
 /// Growth with running time, 1 - exp(-t/30 s).
 fn grown(time_s: f64) -> f64 {
     1.0 - (-time_s / 30.0).exp()
@@ -53,6 +59,15 @@ fn grown(time_s: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::super::Law;
+    use super::through_orifice;
+
+    #[test]
+    fn an_orifice_passes_the_root_of_the_pressure_and_a_gap_s_flow_where_there_is_little() {
+        assert!((through_orifice(9.0) - 3.0f64).abs() < 1e-4 && (through_orifice(-9.0) + 3.0f64).abs() < 1e-4);
+        assert_eq!(through_orifice(0.0), 0.0f64);
+        let slope: f64 = through_orifice(1e-6) / 1e-6;
+        assert!((slope - 1.0 / 0.05f64.sqrt()).abs() < 1e-3, "{slope}");
+    }
 
     /// Values of a set's terms: this size of one of them, nothing of the others.
     pub fn alone<L: Law>(term: &str, size: f64) -> Vec<f64> {

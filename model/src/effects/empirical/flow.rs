@@ -1,11 +1,11 @@
 //! Terms without a name in the balance of the chambers' oil.
 
-use super::{MEASURE, VALIDITY, each_alone, term, typical};
+use super::{MEASURE, VALIDITY, each_alone, term, through_orifice, typical};
 use crate::effects::{Balance, Header, Law, Parameter};
 use crate::port::{AMBIENT_BAR, Port, PortKind, Rest};
 use crate::scalar::Scalar;
 
-static FLOW: [Parameter; 14] = [
+static FLOW: [Parameter; 15] = [
     term("leak_both", "ml/(s bar)", 0.002),
     term("leak_difference", "ml/(s bar)", 0.002),
     term("leak_square", "ml/(s bar^2)", 0.001),
@@ -20,8 +20,9 @@ static FLOW: [Parameter; 14] = [
     term("displacement_difference", "ml/rad", 0.2),
     term("displacement_angle2", "ml/rad", 0.5),
     term("past_pressure", "ml/(s bar)", 0.02),
+    term("transfer_root", "ml/(s sqrt(bar))", 0.02),
 ];
-static FLOW_STARTS: [[f64; 14]; 14] = typical(&FLOW);
+static FLOW_STARTS: [[f64; 15]; 15] = typical(&FLOW);
 
 /// Flows into the chambers, their capacity and displacement.
 pub struct EmpiricalFlow;
@@ -47,7 +48,7 @@ impl Law for EmpiricalFlow {
             let dp = h.pressure_bar[0] - h.pressure_bar[1];
             let a = h.angle_rad / 0.7;
             if !h.shut_off {
-                let transfer = k[3] * dp + k[4] * dp * dp * dp;
+                let transfer = k[3] * dp + k[4] * dp * dp * dp + k[14] * through_orifice(dp);
                 h.flow_ml_s[0] -= transfer;
                 h.flow_ml_s[1] += transfer;
             }

@@ -1,11 +1,11 @@
 //! Terms without a name in the flow through pump and line.
 
-use super::{MEASURE, VALIDITY, each_alone, grown, term, typical};
+use super::{MEASURE, VALIDITY, each_alone, grown, term, through_orifice, typical};
 use crate::effects::{Balance, Header, Law, Parameter};
 use crate::port::{Port, PortKind, Rest};
 use crate::scalar::Scalar;
 
-static PUMP: [Parameter; 12] = [
+static PUMP: [Parameter; 13] = [
     term("voltage2", "ml/s", 0.05),
     term("voltage_square_odd", "ml/s", 0.05),
     term("voltage3", "ml/s", 0.05),
@@ -18,8 +18,9 @@ static PUMP: [Parameter; 12] = [
     term("past_voltage_slow", "ml/s", 0.2),
     term("after_opening", "ml/s", 2.0),
     term("after_closing", "ml/s", 2.0),
+    term("dp_root", "ml/(s sqrt(bar))", 0.05),
 ];
-static PUMP_STARTS: [[f64; 12]; 12] = typical(&PUMP);
+static PUMP_STARTS: [[f64; 13]; 13] = typical(&PUMP);
 
 /// Flow through pump and line.
 pub struct EmpiricalPump;
@@ -56,6 +57,7 @@ impl Law for EmpiricalPump {
                     + k[2] * u * u * u
                     + k[3] * dp * u * u
                     + (k[4] * dp.abs() + k[5] * dp * dp) * dp
+                    + k[12] * through_orifice(dp)
                     + (k[6] * dp + k[7] * u) * grown(l.time_s)
                     + k[8] * (x[0] - u)
                     + k[9] * (x[1] - u);

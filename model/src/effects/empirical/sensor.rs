@@ -5,7 +5,7 @@ use crate::effects::{Balance, Header, Law, Parameter};
 use crate::port::{Port, PortKind, Rest};
 use crate::scalar::Scalar;
 
-static SENSOR: [Parameter; 17] = [
+static SENSOR: [Parameter; 19] = [
     term("angle_zero", "deg", 0.05),
     term("angle_gain", "1", 0.002),
     term("pressure1_zero", "bar", 0.02),
@@ -23,8 +23,10 @@ static SENSOR: [Parameter; 17] = [
     term("angle_cubic", "deg", 0.05),
     term("pressure1_square", "1/bar", 0.005),
     term("pressure2_square", "1/bar", 0.005),
+    term("angle4", "deg", 0.05),
+    term("angle5", "deg", 0.05),
 ];
-static SENSOR_STARTS: [[f64; 17]; 17] = typical(&SENSOR);
+static SENSOR_STARTS: [[f64; 19]; 19] = typical(&SENSOR);
 
 /// What the sensors show.
 pub struct EmpiricalSensor;
@@ -64,7 +66,10 @@ impl Law for EmpiricalSensor {
             let angle_deg = s.angle_deg;
             let a = angle_deg / 40.0;
             dx[4] = (angle_deg - x[4]) / 0.02;
-            s.angle_deg += k[0] + k[1] * angle_deg + (k[13] + k[14] * a) * a * a + k[12] * (x[4] - angle_deg);
+            s.angle_deg += k[0]
+                + k[1] * angle_deg
+                + (k[13] + (k[14] + (k[17] + k[18] * a) * a) * a) * a * a
+                + k[12] * (x[4] - angle_deg);
         }
     }
 
