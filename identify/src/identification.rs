@@ -8,9 +8,12 @@ use model::parameters::{NAMES, index};
 use recordings::{CampaignError, Protocol, Role};
 
 use crate::component::{self, CapacityPoint, LossPoint, PumpPoint, TorquePoint};
+use crate::diagnose::MATERIAL;
+use crate::false_minimum::{left_behind, with_plain_losses};
 use crate::fit::{Effort, Fit, covariance, fit, fit_from};
 use crate::layout::Layout;
 pub use crate::loaded::{Loaded, LoadedRun};
+use crate::misfit;
 use crate::prepare::{Stand, Stretch, Unusable};
 use crate::problem::{Piece, Problem};
 use crate::torque_form::{TorqueForm, refit_third_order};
@@ -156,6 +159,7 @@ pub fn identify_as(loaded: &Loaded, form: TorqueForm, progress: &dyn Fn(&str)) -
 
     let theta = layout.vector_of(&component);
     let (first, pieces) = rough_fit(&problem, &layout, theta).map_err(simulation("the identify runs"))?;
+    let (first, pieces) = out_of_false_minimum(&problem, &component, first, pieces);
     progress("joint fit in free run, first pass");
     let mut pieces = match pieces {
         Some(pieces) => pieces,
@@ -192,6 +196,23 @@ pub fn identify_as(loaded: &Loaded, form: TorqueForm, progress: &dyn Fn(&str)) -
     };
     let linear = if by_eq2.is_none() { at_end } else { None };
     Ok(Identified { problem, fit, linear, by_eq2, undetermined, component, points })
+}
+
+/// A first fit that leaves more than noise, or a better one from afar: see [`crate::false_minimum`].
+fn out_of_false_minimum(
+    problem: &Problem,
+    component: &Parameters,
+    first: Fit,
+    pieces: Option<Vec<Piece>>,
+) -> (Fit, Option<Vec<Piece>>) {
+    if misfit::left_by(problem, &first).is_ok_and(|left| left < MATERIAL) {
+        return (first, pieces);
+    }
+    let reached = first.cost;
+    let afar = first.layout.vector_of(&with_plain_losses(*component));
+    let lowest = left_behind(problem, first, &afar);
+    let same = lowest.cost == reached;
+    (lowest, pieces.filter(|_| same))
 }
 
 /// Standard errors of a fit's entries: see [`covariance_of`].

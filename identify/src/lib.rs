@@ -9,6 +9,7 @@ pub mod design;
 pub mod diagnose;
 pub mod equations;
 pub mod equivalence;
+pub mod false_minimum;
 pub mod figure;
 pub mod figures;
 pub mod findings;

@@ -170,23 +170,6 @@ pub(super) fn on_the_whole(
     (fit.cost < current.cost).then_some(fit)
 }
 
-/// The better of a gross misfit's two fits: as it is, and once more from the component experiments on, over longer and longer horizons,
-/// which have few false minima at first. What an effect gains must not be what another start would have gained without it.
-pub(super) fn nearer(problem: &Problem, horizons: &[&Problem], reference: &Fit, component: &[f64]) -> Fit {
-    let mut theta = component.to_vec();
-    let mut best = reference.clone();
-    for horizon in horizons {
-        let effort = Effort { iterations: 12, tolerance: 1e-4, ..Effort::default() };
-        let Ok(led) = crate::fit::fit(horizon, &reference.layout, horizon.point(theta), effort) else { return best };
-        theta = led.point.theta.clone();
-        if std::ptr::eq(*horizon, problem) && led.cost < best.cost {
-            tracing::info!(from = best.cost, to = led.cost, "the reference model was in a false minimum");
-            best = led;
-        }
-    }
-    best
-}
-
 /// A model on the start of each run where its simulation follows what was measured, from its fit or the component experiments on.
 pub(super) fn guided(problem: &Problem, current: &Fit, component: &[f64]) -> Option<Guided> {
     let mut from_component = current.point.theta.clone();

@@ -13,10 +13,10 @@ mod round;
 mod search;
 mod under_guide;
 
-use model::Parameters;
 use model::effects::{Balance, Effect, LIBRARY};
 use model::integrate::SimulationError;
 
+use crate::false_minimum::with_plain_losses;
 use crate::fit::Fit;
 use crate::identification::Identified;
 use crate::misfit::{self, Part};
@@ -98,7 +98,7 @@ pub struct Diagnosis {
 /// Level of each of the two score tests: over the whole library, and over the nameless terms of all balances.
 const LEVEL: f64 = 0.005;
 /// Structured residual below this many noise floors (RMS) does not matter.
-const MATERIAL: f64 = 0.1;
+pub(crate) const MATERIAL: f64 = 0.1;
 /// Structured residual (noise floors) that is certainly more than the sensors' own.
 const CLEAR: f64 = 0.7;
 /// What is left counts as noise up to this many noise floors: it makes a free run's error a tenth larger than the noise.
@@ -158,20 +158,6 @@ pub fn diagnose_with(
     let component = identified.fit.layout.vector_of(&with_plain_losses(identified.component));
     let declared = Declared { problem: &identified.problem, fit: &identified.fit, component: &component };
     diagnose_declared(library, &declared, progress)
-}
-
-/// The losses' branches take the place of a friction that the model lacks, and hardly find back from there. Where a gross effect is looked
-/// for, they start as plain Coulomb friction, of half the least loss at any usual velocity, with the paper's threshold.
-fn with_plain_losses(component: Parameters) -> Parameters {
-    let mut out = component;
-    let known = component.losses;
-    let loss_nm = |w: f64| known.l1 * w + known.l2 + known.l3 / w;
-    let least = [0.05, 0.1, 0.2, 0.5, 1.0].into_iter().map(loss_nm).fold(f64::INFINITY, f64::min);
-    out.losses.l1 = 0.0;
-    out.losses.l2 = 0.5 * least.max(0.0);
-    out.losses.l3 = 0.0;
-    out.losses.a = Parameters::example().losses.a;
-    out
 }
 
 /// The declared model of any plant, fitted: what the chain starts from.
@@ -240,19 +226,5 @@ mod tests {
     #[test]
     fn what_is_hardly_more_than_noise_bears_one_name() {
         assert_eq!((most_names(0.5), most_names(5.0)), (1, 2));
-    }
-
-    #[test]
-    fn plain_losses_are_coulomb_friction_below_what_was_seen() {
-        let mut bent = Parameters::example();
-        bent.losses.l1 = 0.4;
-        bent.losses.l2 = 0.2;
-        bent.losses.l3 = 5.0;
-        let plain = with_plain_losses(bent);
-        assert_eq!((plain.losses.l1, plain.losses.l3), (0.0, 0.0));
-        assert!((plain.losses.l2 - 2.8).abs() < 1e-12, "half of what is lost at 1 rad/s: {}", plain.losses.l2);
-        assert_eq!((plain.torque, plain.pump), (bent.torque, bent.pump), "nothing else moves");
-        bent.losses.l2 = -9.0;
-        assert_eq!(with_plain_losses(bent).losses.l2, 0.0, "no friction drives");
     }
 }

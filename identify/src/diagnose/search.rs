@@ -7,8 +7,7 @@ use model::effects::empirical::EMPIRICAL;
 use model::integrate::SimulationError;
 
 use super::compare::{
-    guided, is_sound, look_alikes, nearer, nested_on, on_the_whole, rank, refit_all, rivals, to_the_end,
-    where_they_differ,
+    guided, is_sound, look_alikes, nested_on, on_the_whole, rank, refit_all, rivals, to_the_end, where_they_differ,
 };
 use super::holdout::HoldOut;
 use super::round::Round;
@@ -18,7 +17,7 @@ use super::{
     most_names,
 };
 use crate::colour::{Colour, colours};
-use crate::fit::{FAR, Fit};
+use crate::fit::Fit;
 use crate::guided::Guided;
 use crate::identification::covariance_of;
 use crate::misfit::{self, Part};
@@ -143,12 +142,7 @@ impl<'a> Search<'a> {
     ) -> Self {
         let (clusters, count) = crate::score::clusters(problem);
         let (short, brief) = (problem.shortened(SHORT_S), problem.shortened(BRIEF_S));
-        // far from the noise the reference model may stand in a false minimum
-        let reference = if reference.cost > FAR * problem.targets() as f64 {
-            nearer(problem, &[&short, &brief, problem], reference, component)
-        } else {
-            reference.clone()
-        };
+        let reference = reference.clone();
         Search { library, problem, reference, short, brief, component, clusters, count, progress }
     }
 

@@ -7,6 +7,7 @@ use recordings::Role;
 use super::{DataError, Section, Source, Table, TablePlant};
 use crate::diagnose::{Added, Declared, Diagnosis, Verdict, diagnose_declared};
 use crate::equivalence::{best, relatives, without};
+use crate::false_minimum::left_behind;
 use crate::findings::{Findings, UNRECOGNISED, Validation, finding};
 use crate::fit::{Effort, Fit, fit};
 use crate::layout::Layout;
@@ -209,8 +210,11 @@ pub fn analyse(
 /// It can't be simulated there.
 pub fn fit_declared(plant: &'static dyn TablePlant, problem: &Problem) -> Result<Fit, SimulationError> {
     let layout = Layout::of_plant(plant);
-    let start = problem.point(layout.fixed.clone());
-    fit(problem, &layout, start, Effort { iterations: 60, tolerance: 1e-9, ..Effort::default() })
+    let to_the_end = Effort { iterations: 60, tolerance: 1e-9, ..Effort::default() };
+    let reached = fit(problem, &layout, problem.point(layout.fixed.clone()), to_the_end)?;
+    let cost = reached.cost;
+    let lowest = left_behind(problem, reached, &layout.fixed);
+    if lowest.cost < cost { fit(problem, &layout, lowest.point, to_the_end) } else { Ok(lowest) }
 }
 
 /// Level at which an added effect must beat the surrogates of everything that it was chosen from.
