@@ -277,6 +277,7 @@ impl EmulatedRig {
         match input.lever {
             Lever::Free => self.led.moves_at(self.x[state::VELOCITY]),
             Lever::Led { velocity_rad_s } => self.x[state::VELOCITY] = velocity_rad_s,
+            Lever::Carried => {}
         }
         Ok(())
     }

@@ -38,6 +38,8 @@ pub enum Lever {
         /// rad/s
         velocity_rad_s: f64,
     },
+    /// It is led at the velocity that the state holds: of a lever whose way is only known by what a sensor shows, the velocity depends on the sensor's errors.
+    Carried,
 }
 
 /// What the chambers are connected to.
@@ -248,7 +250,7 @@ pub(crate) fn derivative_by<S: Scalar, const EFFECTS: bool>(
     let pressure = [x[PRESSURE1], x[PRESSURE2]];
     let dp = pressure[0] - pressure[1];
     let velocity = match input.lever {
-        Lever::Free => x[VELOCITY],
+        Lever::Free | Lever::Carried => x[VELOCITY],
         Lever::Led { velocity_rad_s } => S::constant(velocity_rad_s),
     };
     let shut_off = input.shut_off();
@@ -358,7 +360,7 @@ pub(crate) fn derivative_by<S: Scalar, const EFFECTS: bool>(
             dx[ANGLE] = velocity;
             dx[VELOCITY] = (torque_nm - loss) / k[J];
         }
-        Lever::Led { .. } => {
+        Lever::Led { .. } | Lever::Carried => {
             dx[ANGLE] = velocity;
             dx[VELOCITY] = S::zero();
         }
@@ -404,7 +406,7 @@ pub fn rest_states_after<S: Scalar>(way_rad: &[f64], input: &Input, k: &[S], eff
     }
     let arrival = match input.lever {
         Lever::Free => Arrival::Free,
-        Lever::Led { .. } => Arrival::Led(way_rad),
+        Lever::Led { .. } | Lever::Carried => Arrival::Led(way_rad),
     };
     let rest = Rest {
         arrival,

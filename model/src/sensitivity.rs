@@ -90,7 +90,7 @@ impl Sensitivity {
                 // near zero velocity the losses are fast, and the steps short
                 _ if rec::creeps(input, branches) => (CREEP_S / dt + 1e-6).floor().clamp(1.0, 4.0),
                 Lever::Free => 2.0,
-                Lever::Led { .. } => 4.0,
+                Lever::Led { .. } | Lever::Carried => 4.0,
             };
             let steps = f64::min(steps, seeds.most_steps());
             let ahead_s = 0.5 * (steps - 1.0) * dt;

@@ -1,9 +1,12 @@
 //! What a model of the REC rig says about a stretch: free run from its initial state, with the recorded inputs.
 
+mod imposed;
+
+use imposed::{CLOSE, STEPS, impose_sensitivity};
 use model::effects::EffectSet;
 use model::integrate::{Integrator, Seeds, Sensitivity, SimulationError, Trail};
 use model::port::PortKind;
-use model::rec::{self, Input, STATES, state};
+use model::rec::{self, Input, Lever, STATES, state};
 use model::scalar::{Scalar, Tangent};
 
 use crate::guide::Pull;
@@ -38,6 +41,8 @@ struct Run<'a> {
     scratch: Vec<f64>,
     /// Shown minus true angle, rad.
     shift_rad: f64,
+    /// The lever is led, and the angle that is known is what a sensor with errors shows.
+    carried: bool,
 }
 
 impl<'a> Run<'a> {
@@ -53,35 +58,31 @@ impl<'a> Run<'a> {
         rec::rest_states_after(&stretch.way_rad, &input, k, effects, &mut x);
         let mut shift_rad = 0.0;
         if effects.touches(PortKind::Sensor) {
-            let seen = rec::shown(effects, stretch.time_s[0], &x, &mut scratch);
-            shift_rad = seen[0] / DEGREES - x[state::ANGLE];
-            x[state::ANGLE] -= shift_rad;
-            x[state::PRESSURE1] -= seen[1] - shown[1];
-            x[state::PRESSURE2] -= seen[2] - shown[2];
-            rec::rest_states_after(&stretch.way_rad, &input, k, effects, &mut x);
+            for _ in 0..STEPS {
+                let seen = rec::shown(effects, stretch.time_s[0], &x, &mut scratch);
+                let off = [seen[0] / DEGREES - shown[0], seen[1] - shown[1], seen[2] - shown[2]];
+                x[state::ANGLE] -= off[0];
+                x[state::PRESSURE1] -= off[1];
+                x[state::PRESSURE2] -= off[2];
+                rec::rest_states_after(&stretch.way_rad, &input, k, effects, &mut x);
+                if off.iter().all(|v| v.abs() < CLOSE) {
+                    break;
+                }
+            }
+            shift_rad = shown[0] - x[state::ANGLE];
         }
         let longest = if stretch.stand == Stand::Free { STEP_FREE_S } else { STEP_LED_S };
         let integrator = Integrator::for_plant(longest, k, effects, &stands(stretch, &input), &x).resolving_creep();
         let trail = Trail::new(k);
-        Run { stretch, k, effects, integrator, trail, x, scratch, shift_rad }
+        let led = !stretch.angle_rad.is_empty() && stretch.stand != Stand::Bench;
+        let carried = led && effects.touches(PortKind::Sensor);
+        Run { stretch, k, effects, integrator, trail, x, scratch, shift_rad, carried }
     }
 
-    /// Puts the inputs of row `i` that stand in the state into it.
-    fn impose(&mut self, i: usize) {
-        if !self.stretch.angle_rad.is_empty() {
-            self.x[state::ANGLE] = self.stretch.angle_rad[i] - self.shift_rad;
-        }
-        if !self.stretch.pressure_bar[0].is_empty() {
-            self.x[state::PRESSURE1] = self.stretch.pressure_bar[0][i];
-            self.x[state::PRESSURE2] = self.stretch.pressure_bar[1][i];
-            if self.effects.touches(PortKind::Sensor) {
-                let seen = rec::shown(self.effects, self.stretch.time_s[i], &self.x, &mut self.scratch);
-                for j in 0..2 {
-                    let p = self.stretch.pressure_bar[j][i];
-                    self.x[state::PRESSURE1 + j] = p - (seen[j + 1] - p);
-                }
-            }
-        }
+    /// The input that acts from row `i` on for `dt` seconds.
+    fn input(&self, i: usize, dt: f64) -> Input {
+        let input = self.stretch.input(i, dt);
+        if self.carried { Input { lever: Lever::Carried, ..input } } else { input }
     }
 
     fn step_length(&self, i: usize) -> f64 {
@@ -90,8 +91,8 @@ impl<'a> Run<'a> {
 
     fn advance(&mut self, i: usize) -> Result<(), SimulationError> {
         let dt = self.step_length(i);
-        let (s, k, effects) = (self.stretch, self.k, self.effects);
-        self.integrator.advance_along(&mut self.trail, &s.input(i, dt), k, effects, s.time_s[i], dt, &mut self.x)
+        let (input, t) = (self.input(i, dt), self.stretch.time_s[i]);
+        self.integrator.advance_along(&mut self.trail, &input, self.k, self.effects, t, dt, &mut self.x)
     }
 
     /// Advances from row `i` to the next; `piece(input, middle's time, length, state in the middle)` for each smooth piece.
@@ -102,7 +103,7 @@ impl<'a> Run<'a> {
         mut piece: impl FnMut(&Input, f64, f64, &[f64]),
     ) -> Result<(), SimulationError> {
         let dt = self.step_length(i);
-        let input = self.stretch.input(i, dt);
+        let input = self.input(i, dt);
         let t = self.stretch.time_s[i];
         let (k, effects) = (self.k, self.effects);
         self.integrator.advance_by_pieces(&input, k, effects, t, dt, &mut self.x, |t, dt, x| piece(&input, t, dt, x))
@@ -141,7 +142,7 @@ impl<'a> Run<'a> {
 
     fn standing_input(&self, i: usize) -> Input {
         let i = i.min(self.stretch.rows() - 2);
-        self.stretch.input(i, self.step_length(i))
+        self.input(i, self.step_length(i))
     }
 }
 
@@ -297,11 +298,12 @@ fn start_sensitivity(stretch: &Stretch, run: &Run, seeds: &Seeds, s: &mut Sensit
             // the effects' own states follow the plant at rest, so a slow sensor shifts nothing
             rec::rest_states_after(&stretch.way_rad, &input, k, effects, &mut x);
             let mut scratch = vec![Tangent::zero(); states];
-            let seen = rec::shown(effects, stretch.time_s[0], &x, &mut scratch);
-            for c in 0..count {
-                s.set(state::ANGLE, first + c, -seen[0].slope[states + c] / DEGREES);
-                s.set(state::PRESSURE1, first + c, -seen[1].slope[states + c]);
-                s.set(state::PRESSURE2, first + c, -seen[2].slope[states + c]);
+            let mut seen = rec::shown(effects, stretch.time_s[0], &x, &mut scratch);
+            seen[0] = seen[0] / DEGREES;
+            for (j, i) in [state::ANGLE, state::PRESSURE1, state::PRESSURE2].into_iter().enumerate() {
+                let by_true = seen[j].slope[i];
+                s.set(i, columns + j, 1.0 / by_true);
+                (0..count).for_each(|c| s.set(i, first + c, -seen[j].slope[states + c] / by_true));
             }
         }
     });
@@ -323,23 +325,6 @@ fn start_sensitivity(stretch: &Stretch, run: &Run, seeds: &Seeds, s: &mut Sensit
                     s.set(i, c, if seeded { s.get(i, c) } else { 0.0 } + value);
                 }
             }
-        }
-    });
-}
-
-/// Pressures that are inputs hold their derivative with respect to the sensors' shift.
-fn impose_sensitivity(stretch: &Stretch, run: &Run, seeds: &Seeds, s: &mut Sensitivity, i: usize) {
-    if stretch.pressure_bar[0].is_empty() {
-        return;
-    }
-    seeds.each_pass(|_, effects, first, count| {
-        let x: Vec<Tangent> = run.x.iter().map(|v| Tangent::constant(*v)).collect();
-        let mut scratch = vec![Tangent::zero(); x.len()];
-        let seen = rec::shown(effects, stretch.time_s[i], &x, &mut scratch);
-        for c in 0..count {
-            let lane = x.len() + c;
-            s.set(state::PRESSURE1, first + c, -seen[1].slope[lane]);
-            s.set(state::PRESSURE2, first + c, -seen[2].slope[lane]);
         }
     });
 }

@@ -310,7 +310,7 @@ fn both_chambers_are_treated_alike() {
                 let turned = Input {
                     voltage_v: -input.voltage_v,
                     lever: match input.lever {
-                        Lever::Free => Lever::Free,
+                        other @ (Lever::Free | Lever::Carried) => other,
                         Lever::Led { velocity_rad_s } => Lever::Led { velocity_rad_s: -velocity_rad_s },
                     },
                     ..input

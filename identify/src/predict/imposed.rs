@@ -1,0 +1,106 @@
+//! Inputs that stand in the state: the angle of a led lever, and pressures where they are measured. What is known of them is what their sensors show.
+
+use model::integrate::{Seeds, Sensitivity};
+use model::port::PortKind;
+use model::rec::{self, state};
+use model::scalar::{Scalar, Tangent};
+
+use super::{DEGREES, Run};
+use crate::prepare::Stretch;
+
+/// Steps in which the true angle is looked for. The error of a step is the slope of the sensor's error (a hundredth, say) times that of the one before.
+pub(super) const STEPS: usize = 6;
+/// Error of it that does not matter, rad (and bar of the pressures).
+pub(super) const CLOSE: f64 = 1e-9;
+
+impl Run<'_> {
+    /// Puts the inputs of row `i` that stand in the state into it.
+    pub(super) fn impose(&mut self, i: usize) {
+        if self.carried {
+            // The oil feels every part of the way, so the angle is led from row to row and never put elsewhere: a sensor's memory of the next row is not known yet.
+            let angle = if i == 0 { self.true_angle(0, 0) } else { self.x[state::ANGLE] };
+            let ahead = i + 1 < self.stretch.rows();
+            let velocity = if ahead { (self.true_angle(i, i + 1) - angle) / self.step_length(i) } else { 0.0 };
+            (self.x[state::ANGLE], self.x[state::VELOCITY]) = (angle, velocity);
+        } else if !self.stretch.angle_rad.is_empty() {
+            self.x[state::ANGLE] = self.stretch.angle_rad[i];
+        }
+        if !self.stretch.pressure_bar[0].is_empty() {
+            self.x[state::PRESSURE1] = self.stretch.pressure_bar[0][i];
+            self.x[state::PRESSURE2] = self.stretch.pressure_bar[1][i];
+            if self.effects.touches(PortKind::Sensor) {
+                let seen = rec::shown(self.effects, self.stretch.time_s[i], &self.x, &mut self.scratch);
+                for j in 0..2 {
+                    let p = self.stretch.pressure_bar[j][i];
+                    self.x[state::PRESSURE1 + j] = p - (seen[j + 1] - p);
+                }
+            }
+        }
+    }
+
+    /// Angle at which the sensor, as it is at row `now`, shows what is known of row `i`, rad. Leaves the state's angle elsewhere.
+    fn true_angle(&mut self, now: usize, i: usize) -> f64 {
+        let shown_rad = self.stretch.angle_rad[i];
+        for _ in 0..STEPS {
+            self.x[state::ANGLE] = shown_rad - self.shift_rad;
+            let seen = rec::shown(self.effects, self.stretch.time_s[now], &self.x, &mut self.scratch)[0] / DEGREES;
+            self.shift_rad += seen - shown_rad;
+            if (seen - shown_rad).abs() < CLOSE {
+                break;
+            }
+        }
+        shown_rad - self.shift_rad
+    }
+
+    /// Derivatives of the true angle where the sensor, as it is at row `now`, shows what it shows at `angle_rad`: nothing that is known moves.
+    fn true_angle_slope(&self, seeds: &Seeds, s: &Sensitivity, now: usize, angle_rad: f64) -> Vec<f64> {
+        let states = self.x.len();
+        let mut out = vec![0.0; s.row(0).len()];
+        let mut through = vec![0.0; states];
+        seeds.each_pass(|_, effects, first, count| {
+            let mut x: Vec<Tangent> = self.x.iter().enumerate().map(|(j, v)| Tangent::variable(*v, j)).collect();
+            x[state::ANGLE] = Tangent::variable(angle_rad, state::ANGLE);
+            let mut scratch = vec![Tangent::zero(); states];
+            let seen = rec::shown(effects, self.stretch.time_s[now], &x, &mut scratch)[0];
+            through.copy_from_slice(&seen.slope[..states]);
+            out[first..first + count].copy_from_slice(&seen.slope[states..states + count]);
+        });
+        let by_angle = through[state::ANGLE];
+        for (j, f) in through.iter().enumerate().filter(|(j, f)| *j != state::ANGLE && **f != 0.0) {
+            out.iter_mut().zip(s.row(j)).for_each(|(o, v)| *o += f * v);
+        }
+        out.iter_mut().for_each(|o| *o /= -by_angle);
+        out
+    }
+}
+
+/// Derivatives of what [`Run::impose`] put into the state.
+pub(super) fn impose_sensitivity(stretch: &Stretch, run: &Run, seeds: &Seeds, s: &mut Sensitivity, i: usize) {
+    if run.carried {
+        let (angle, velocity) = (run.x[state::ANGLE], run.x[state::VELOCITY]);
+        if i == 0 {
+            let first = run.true_angle_slope(seeds, s, 0, angle);
+            first.iter().enumerate().for_each(|(column, v)| s.set(state::ANGLE, column, *v));
+        }
+        if i + 1 < stretch.rows() {
+            let dt = run.step_length(i);
+            let next = run.true_angle_slope(seeds, s, i, angle + velocity * dt);
+            for (column, there) in next.iter().enumerate() {
+                s.set(state::VELOCITY, column, (there - s.get(state::ANGLE, column)) / dt);
+            }
+        }
+    }
+    if stretch.pressure_bar[0].is_empty() {
+        return;
+    }
+    seeds.each_pass(|_, effects, first, count| {
+        let x: Vec<Tangent> = run.x.iter().map(|v| Tangent::constant(*v)).collect();
+        let mut scratch = vec![Tangent::zero(); x.len()];
+        let seen = rec::shown(effects, stretch.time_s[i], &x, &mut scratch);
+        for c in 0..count {
+            let lane = x.len() + c;
+            s.set(state::PRESSURE1, first + c, -seen[1].slope[lane]);
+            s.set(state::PRESSURE2, first + c, -seen[2].slope[lane]);
+        }
+    });
+}
