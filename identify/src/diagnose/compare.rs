@@ -7,6 +7,7 @@ use model::integrate::SimulationError;
 use super::holdout::HoldOut;
 use super::round::Round;
 use super::search::Search;
+use super::under_guide::UnderGuide;
 use super::{GUIDED_S, MATERIAL, PREFERRED, Ranked};
 use crate::colour::{Colour, colours};
 use crate::fit::{Effort, Fit};
@@ -291,11 +292,11 @@ pub(super) fn where_they_differ(problem: &Problem, a: &Fit, b: &Fit) -> Result<S
 }
 
 /// The balance whose nameless terms predict left-out data best, refitted: what is fitted better may only be the set with more terms.
-/// `first`: the round of the whole library; `round`: of those terms at the same model; `colours`: of the noise. `only`: of this balance alone.
+/// `round`: of those terms; `under`: what they take away under a guide, where the misfit is gross; `colours`: of the noise. `only`: of this balance alone.
 pub(super) fn empirical(
     search: &Search,
-    first: &Round,
     round: &Round,
+    under: Option<&UnderGuide>,
     colours: &[Colour],
     only: Option<Balance>,
 ) -> Result<Option<Fit>, SimulationError> {
@@ -308,8 +309,7 @@ pub(super) fn empirical(
     tracing::debug!(?gains, "nameless terms");
     let top = gains.first().map_or(0.0, |(g, _)| *g);
     let bases = search.bases(round, None, false);
-    let under = if only.is_some() { None } else { search.nameless_under_guide(first, colours)? };
-    let open = |e: &'static dyn Effect| under.as_ref().is_none_or(|under| !under.rules_out(e));
+    let open = |e: &'static dyn Effect| under.is_none_or(|under| !under.rules_out(e));
     let worth = gains.into_iter().filter(|(g, e)| *g > 0.3 * top && open(*e)).take(3);
     let sets: Vec<Vec<&'static dyn Effect>> = worth.map(|(_, e)| vec![e]).collect();
     let (clusters, _) = crate::score::clusters(&search.brief);

@@ -208,16 +208,17 @@ impl<'a> Search<'a> {
         Bases { scene: &round.scene, component, short, guided, beside: f64::INFINITY, gross }
     }
 
-    /// What terms without a name explain under a guide, where what a round's model of the brief runs leaves is gross.
-    pub fn nameless_under_guide(
-        &self,
-        round: &Round,
-        colours: &[Colour],
-    ) -> Result<Option<UnderGuide>, SimulationError> {
-        if !is_gross(&self.brief, round.scene.fit, colours)? {
+    /// What terms without a name explain under a guide, where the reference model leaves a gross misfit, in a round's brief runs or on data left out.
+    pub fn nameless_under_guide(&self, found: &Found, round: &Round) -> Result<Option<UnderGuide>, SimulationError> {
+        let left_out = misfit::largest(&self.left(found, &found.steps[0]));
+        if left_out <= GROSS && !is_gross(&self.brief, round.scene.fit, &found.colours)? {
             return Ok(None);
         }
-        round.guided(self).map_or(Ok(None), |guided| UnderGuide::of(guided, &EMPIRICAL))
+        let Some(guided) = round.guided(self) else { return Ok(None) };
+        let linearly = UnderGuide::of(guided, &EMPIRICAL)?;
+        // friction of another kind than the model's acts as no little of it would
+        let to_be_led = linearly.as_ref().is_some_and(|under| under.shows && !under.takes_most());
+        Ok(if to_be_led { Some(UnderGuide::led(guided, &EMPIRICAL.map(|e| vec![e]))) } else { linearly })
     }
 
     /// Sets of candidates that are worth a refit; none where a guide shows that none of them is what is missing.

@@ -14,6 +14,8 @@ const BESIDE: f64 = 0.3;
 /// One that takes away so much leaves no room for one that takes away next to nothing. In a free run it is open whatever the guide says: what is slow, a tilt
 /// or a drift, a guide follows.
 const MOST: f64 = 0.5;
+/// Of terms without a name that were led one set is far behind that takes away less than this share of what the best one does.
+const FAR_LESS: f64 = 0.5;
 /// The best ones are refitted whatever a free run says of them,
 const BEST: usize = 3;
 /// and so many that lead in free run whatever the guide says of them.
@@ -24,6 +26,8 @@ pub(super) struct UnderGuide {
     shares: Vec<(&'static dyn Effect, f64)>,
     /// What is missing shows there: the shares say who is out of question. Where it does not, they only say who leads.
     pub shows: bool,
+    /// By a few steps from their starts instead of linearly.
+    led: bool,
 }
 
 impl UnderGuide {
@@ -33,7 +37,7 @@ impl UnderGuide {
         let round = Round::new(problem, fit, candidates.iter().copied())?;
         let share = |e: &'static dyn Effect| round.gram.gain(&round.of(e.header().id)) / fit.cost;
         let shares = candidates.iter().map(|e| (*e, share(*e))).collect();
-        Ok(Some(UnderGuide::sorted(shares, guided.shows())))
+        Ok(Some(UnderGuide { led: false, ..UnderGuide::sorted(shares, guided.shows()) }))
     }
 
     /// The same of those in a shortlist, by a few steps from their starts instead.
@@ -46,7 +50,7 @@ impl UnderGuide {
         shares.sort_by(|a, b| b.1.total_cmp(&a.1));
         let best: Vec<_> = shares.iter().take(4).map(|(e, s)| (e.header().id, s)).collect();
         tracing::info!(?best, shows, "taken away under the guide");
-        UnderGuide { shares, shows }
+        UnderGuide { shares, shows, led: true }
     }
 
     fn best(&self) -> f64 {
@@ -63,9 +67,15 @@ impl UnderGuide {
         self.best() >= LEADS
     }
 
-    /// Another candidate takes away most of the cost, and this one next to nothing.
+    /// A candidate takes away most of what is missing.
+    pub fn takes_most(&self) -> bool {
+        self.best() >= MOST
+    }
+
+    /// Another candidate takes away most of the cost, and this one next to nothing; or, where both were led and thus had their chance, far less.
     pub fn rules_out(&self, effect: &'static dyn Effect) -> bool {
-        self.shows && self.best() >= MOST && self.share(effect) < LEADS
+        let least = if self.led { FAR_LESS * self.best() } else { LEADS };
+        self.shows && self.takes_most() && self.share(effect) < least
     }
 
     /// A shortlist with those that lead under the guide beside it: what a free run's base parameters have taken up is small there too, but they can't
@@ -84,7 +94,7 @@ impl UnderGuide {
         if !self.leads() && in_free_run < MOST {
             return Vec::new();
         }
-        if self.best() < MOST {
+        if !self.takes_most() {
             return shortlist;
         }
         let open = |e: &&'static dyn Effect| self.share(*e) >= BESIDE * self.best();
@@ -119,7 +129,8 @@ mod tests {
     }
 
     fn under(shares: &[(&str, f64)]) -> UnderGuide {
-        UnderGuide { shares: shares.iter().map(|(id, share)| (effects(&[id])[0], *share)).collect(), shows: true }
+        let shares = shares.iter().map(|(id, share)| (effects(&[id])[0], *share)).collect();
+        UnderGuide { shares, shows: true, led: false }
     }
 
     fn ids(sets: &[Vec<&'static dyn Effect>]) -> Vec<String> {
@@ -140,6 +151,9 @@ mod tests {
         assert!(u.leads());
         assert!(u.rules_out(effects(&["pump_lag"])[0]) && !u.rules_out(effects(&["backlash"])[0]));
         assert!(u.rules_out(effects(&["tilt"])[0]), "one that was no candidate");
+        let led = UnderGuide { led: true, ..u };
+        assert!(led.rules_out(effects(&["backlash"])[0]), "it was led, and is far behind");
+        assert!(!led.rules_out(effects(&["chamber_asymmetry"])[0]));
     }
 
     #[test]

@@ -5,7 +5,7 @@ use crate::effects::{Balance, Header, Law, Parameter};
 use crate::port::{Port, PortKind, Rest};
 use crate::scalar::Scalar;
 
-static TORQUE: [Parameter; 14] = [
+static TORQUE: [Parameter; 16] = [
     term("constant", "Nm", 0.02),
     term("angle2", "Nm", 0.05),
     term("angle3", "Nm", 0.05),
@@ -20,8 +20,10 @@ static TORQUE: [Parameter; 14] = [
     term("time_direction", "Nm", 0.05),
     term("motion", "Nm", 0.02),
     term("past_angle", "Nm", 0.05),
+    term("direction_creeping", "Nm", 0.05),
+    term("direction_slow", "Nm", 0.05),
 ];
-static TORQUE_STARTS: [[f64; 14]; 14] = typical(&TORQUE);
+static TORQUE_STARTS: [[f64; 16]; 16] = typical(&TORQUE);
 
 /// Torque as a function of angle, velocity, pressures, time and of the angle's past.
 pub struct EmpiricalTorque;
@@ -32,7 +34,7 @@ impl Law for EmpiricalTorque {
         balance: Balance::Torque,
         ports: &[PortKind::Mechanical],
         summary: "a smooth torque over angle, velocity, pressure and time",
-        equation: "M += sum of c_i * term_i; angle in units of 0.7 rad, velocity direction tanh(w/0.03)",
+        equation: "M += sum of c_i * term_i; angle in units of 0.7 rad, velocity direction tanh(w/0.03), creeping exp(-(w/0.05)^2), slow exp(-(w/0.3)^2)",
         validity: VALIDITY,
         measure: MEASURE,
         literature: "",
@@ -51,6 +53,7 @@ impl Law for EmpiricalTorque {
             dx[0] = (a - x[0]) / 0.5;
             m.torque_nm += k[0]
                 + ((k[3] + k[4] * a) * a2 + k[1] + k[2] * a) * a2
+                + direction * (k[14] * below(m.velocity_rad_s, 0.05) + k[15] * below(m.velocity_rad_s, 0.3))
                 + direction * (k[5] + k[6] * a + k[7] * a2 + k[8] * m.load_bar + k[11] * grown(m.time_s))
                 + k[9] * m.load_bar * a
                 + k[10] * m.dp_bar * a2
@@ -63,6 +66,12 @@ impl Law for EmpiricalTorque {
     fn rest<S: Scalar>(&self, _k: &[S], rest: &Rest<S>, x: &mut [S]) {
         x[0] = rest.angle_rad / 0.7;
     }
+}
+
+/// 1 at rest, nothing far above a velocity.
+fn below<S: Scalar>(velocity_rad_s: S, width_rad_s: f64) -> S {
+    let times = velocity_rad_s / width_rad_s;
+    (-(times * times)).exp()
 }
 
 #[cfg(test)]
@@ -95,6 +104,10 @@ mod tests {
             assert_eq!(torque(term, 0.4, 0.0), 0.0, "at rest there is no friction");
             assert!(torque(term, 0.4, 0.5) > 0.1);
         }
+        let of = |term: &str, velocity: f64| torque(term, 0.0, velocity);
+        assert!(of("direction_creeping", 0.03) > 0.15 && of("direction_creeping", 0.2) < 1e-6, "a peak near rest");
+        assert!(of("direction_slow", 0.1) > 0.25 && of("direction_slow", 1.0) < 1e-4);
+        assert_eq!(of("direction_slow", -0.1), -of("direction_slow", 0.1));
     }
 
     #[test]
