@@ -51,7 +51,7 @@ const GLANCE: Effort = Effort { iterations: 3, ..LEAD };
 /// and so many are.
 const WORTH: usize = 2;
 /// Cost a target under the tightest guide from which what is missing shows there; noise alone leaves 1.
-const SHOWS: f64 = 5.0;
+pub const SHOWS: f64 = 5.0;
 /// An effect that leaves so many times what another one leaves under the tightest guide, after a few steps, does not catch up with it.
 const BEHIND: f64 = 20.0;
 /// From no more where a few steps take away this share of what is missing: a false minimum leaves more.

@@ -96,7 +96,12 @@ pub fn refit(
     };
     let left = led.as_ref().map(|led| led.cost);
     if let Some(led) = led {
-        tried.extend(fit(problem, &layout, problem.point(led.theta), effort).ok());
+        let from = fit(problem, &layout, problem.point(led.theta), effort).ok();
+        // a lever that has been let go sticks elsewhere at first
+        let above = |fit: &Fit| fit.cost > current.cost;
+        let further =
+            from.as_ref().filter(|f| above(f)).and_then(|f| fit(problem, &layout, f.point.clone(), LEAD).ok());
+        tried.extend(further.or(from));
     } else if bases.gross
         && !out_of_question(bases, added)
         && let Some((_, point)) = cheapest(bases.short, at_component())

@@ -18,7 +18,7 @@ use super::{
 };
 use crate::colour::{Colour, colours};
 use crate::fit::Fit;
-use crate::guided::Guided;
+use crate::guided::{Guided, SHOWS};
 use crate::identification::covariance_of;
 use crate::misfit::{self, Part};
 use crate::problem::Problem;
@@ -34,8 +34,17 @@ fn matter_of_form(of_whole: f64, linearly: f64) -> bool {
     of_whole < SUBSTANTIAL && linearly < A_GOOD_PART
 }
 
+/// A fit is so far from the noise that a free run may be elsewhere than the rig was. Friction that stops the lever a little aside leaves no gross structured
+/// residual in any channel, and many noise variances a target all the same.
+fn is_far(problem: &Problem, fit: &Fit) -> bool {
+    fit.cost > SHOWS * problem.targets() as f64
+}
+
 /// What a fit leaves is more than a small effect would.
 pub(super) fn is_gross(problem: &Problem, fit: &Fit, colours: &[Colour]) -> Result<bool, SimulationError> {
+    if is_far(problem, fit) {
+        return Ok(true);
+    }
     let residual = problem.residuals(&fit.layout, &fit.point)?;
     Ok(misfit::largest(&misfit::parts(problem, &residual, colours)) > GROSS)
 }
@@ -288,7 +297,8 @@ impl<'a> Search<'a> {
         let largest = misfit::largest(&found.parts(self.problem, &last));
         let open = self.open(&last.fit);
         // a model that has taken an effect up fits its own data better than others
-        let (gross, left_out) = (largest > GROSS, misfit::largest(&self.left(found, &last)));
+        let gross = largest > GROSS || is_far(self.problem, &last.fit);
+        let left_out = misfit::largest(&self.left(found, &last));
         tracing::info!(largest, left_out, "misfit, noise floors");
         let guided = if gross || left_out > GROSS { round.guided(self) } else { None };
         let bases = self.bases(round, guided, gross);
