@@ -3,6 +3,9 @@
 //! There the misfit says when and where an effect acts, all starts of an effect can be tried, and what they lead to depends little on how far the missing
 //! effect has bent the base parameters. The guide then lets go step by step, and the last step is the free run.
 
+use std::collections::BTreeMap;
+use std::sync::{Mutex, PoisonError};
+
 use model::effects::Effect;
 
 use crate::fit::{Effort, Fit, fit};
@@ -19,7 +22,12 @@ pub struct Guided {
     fit: Fit,
     /// Where no effect that it lacks has bent it.
     unbent: Point,
+    /// First steps of the effects that were asked for, by id: who takes away much is led on from there.
+    stepped: Mutex<BTreeMap<&'static str, Option<FirstSteps>>>,
 }
+
+/// A few steps from the best starts at each place, and the other starts with what they cost.
+type FirstSteps = (Fit, Vec<(f64, Point)>);
 
 /// Where an effect was led.
 pub struct Led {
@@ -66,7 +74,7 @@ impl Guided {
         let unbent = tight.point(unbent.to_vec());
         let from = [tight.point(fitted.to_vec()), unbent.clone()];
         let fit = best(from.into_iter().filter_map(|point| fit(tight, layout, point, LEAD).ok()))?;
-        Some(Guided { problems, fit, unbent })
+        Some(Guided { problems, fit, unbent, stepped: Mutex::default() })
     }
 
     /// The tightest guide's problem, and the model's fit to it.
@@ -136,8 +144,19 @@ impl Guided {
         self.first_steps(effect).map_or(0.0, |(led, _)| self.share_of_missing(led.cost))
     }
 
-    /// A few steps from the best starts at each place, and the other starts with what they cost.
-    fn first_steps(&self, effect: &'static dyn Effect) -> Option<(Fit, Vec<(f64, Point)>)> {
+    fn first_steps(&self, effect: &'static dyn Effect) -> Option<FirstSteps> {
+        let id = effect.header().id;
+        // a thread that panicked with it has left what was there before
+        let known = || self.stepped.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(steps) = known().get(id) {
+            return steps.clone();
+        }
+        let steps = self.step_from_starts(effect);
+        known().insert(id, steps.clone());
+        steps
+    }
+
+    fn step_from_starts(&self, effect: &'static dyn Effect) -> Option<FirstSteps> {
         let tight = self.problems.first()?;
         let scene = Scene::new(tight, &self.fit).ok()?;
         let layout = self.fit.layout.with(effect);

@@ -296,6 +296,7 @@ pub(super) fn where_they_differ(problem: &Problem, a: &Fit, b: &Fit) -> Result<S
 pub(super) fn empirical(
     search: &Search,
     round: &Round,
+    first: &Round,
     under: Option<&UnderGuide>,
     colours: &[Colour],
     only: Option<Balance>,
@@ -308,7 +309,8 @@ pub(super) fn empirical(
     gains.sort_by(|a, b| b.0.total_cmp(&a.0));
     tracing::debug!(?gains, "nameless terms");
     let top = gains.first().map_or(0.0, |(g, _)| *g);
-    let bases = search.bases(round, None, false);
+    let led = under.filter(|under| under.led).and_then(|_| first.guided(search));
+    let bases = search.bases(round, led, false);
     let open = |e: &'static dyn Effect| under.is_none_or(|under| !under.rules_out(e));
     let worth = gains.into_iter().filter(|(g, e)| *g > 0.3 * top && open(*e)).take(3);
     let sets: Vec<Vec<&'static dyn Effect>> = worth.map(|(_, e)| vec![e]).collect();

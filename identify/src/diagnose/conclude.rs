@@ -159,7 +159,7 @@ impl Search<'_> {
             return Ok(None);
         }
         let under = if only.is_some() { None } else { self.nameless_under_guide(found, first)? };
-        let Some(fit) = empirical(self, &round, under.as_ref(), &found.colours, only)? else { return Ok(None) };
+        let Some(fit) = empirical(self, &round, first, under.as_ref(), &found.colours, only)? else { return Ok(None) };
         let step = self.step(fit, Vec::new())?;
         found.learn(self.problem, &step.residual);
         let before = self.left(found, &reference);

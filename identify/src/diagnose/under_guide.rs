@@ -27,7 +27,7 @@ pub(super) struct UnderGuide {
     /// What is missing shows there: the shares say who is out of question. Where it does not, they only say who leads.
     pub shows: bool,
     /// By a few steps from their starts instead of linearly.
-    led: bool,
+    pub led: bool,
 }
 
 impl UnderGuide {
