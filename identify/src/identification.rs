@@ -8,12 +8,11 @@ use model::parameters::{NAMES, index};
 use recordings::{CampaignError, Protocol, Role};
 
 use crate::component::{self, CapacityPoint, LossPoint, PumpPoint, TorquePoint};
-use crate::diagnose::MATERIAL;
 use crate::false_minimum::{left_behind, with_plain_losses};
 use crate::fit::{Effort, Fit, covariance, fit, fit_from};
 use crate::layout::Layout;
 pub use crate::loaded::{Loaded, LoadedRun};
-use crate::misfit;
+use crate::misfit::{self, MATERIAL};
 use crate::prepare::{Stand, Stretch, Unusable};
 use crate::problem::{Piece, Problem};
 use crate::torque_form::{TorqueForm, refit_third_order};

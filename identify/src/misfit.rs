@@ -8,6 +8,9 @@ use crate::fit::Fit;
 use crate::prepare::{Channel, Stand};
 use crate::problem::Problem;
 
+/// Structured residual below this many noise floors (RMS) does not matter.
+pub const MATERIAL: f64 = 0.1;
+
 /// The residual of one channel of one run.
 #[derive(Clone, Debug)]
 pub struct Part {

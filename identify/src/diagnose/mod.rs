@@ -19,7 +19,7 @@ use model::integrate::SimulationError;
 use crate::false_minimum::with_plain_losses;
 use crate::fit::Fit;
 use crate::identification::Identified;
-use crate::misfit::{self, Part};
+use crate::misfit::{self, MATERIAL, Part};
 use crate::problem::Problem;
 use round::Round;
 use search::Search;
@@ -97,8 +97,6 @@ pub struct Diagnosis {
 
 /// Level of each of the two score tests: over the whole library, and over the nameless terms of all balances.
 const LEVEL: f64 = 0.005;
-/// Structured residual below this many noise floors (RMS) does not matter.
-pub(crate) const MATERIAL: f64 = 0.1;
 /// Structured residual (noise floors) that is certainly more than the sensors' own.
 const CLEAR: f64 = 0.7;
 /// What is left counts as noise up to this many noise floors: it makes a free run's error a tenth larger than the noise.

@@ -37,20 +37,20 @@ impl UnderGuide {
         let round = Round::new(problem, fit, candidates.iter().copied())?;
         let share = |e: &'static dyn Effect| round.gram.gain(&round.of(e.header().id)) / fit.cost;
         let shares = candidates.iter().map(|e| (*e, share(*e))).collect();
-        Ok(Some(UnderGuide { led: false, ..UnderGuide::sorted(shares, guided.shows()) }))
+        Ok(Some(UnderGuide::sorted(shares, guided.shows(), false)))
     }
 
     /// The same of those in a shortlist, by a few steps from their starts instead.
     pub fn led(guided: &Guided, shortlist: &[Vec<&'static dyn Effect>]) -> Self {
         let singles = shortlist.iter().filter(|set| set.len() == 1).flatten();
-        UnderGuide::sorted(singles.map(|e| (*e, guided.takes_away(*e))).collect(), true)
+        UnderGuide::sorted(singles.map(|e| (*e, guided.takes_away(*e))).collect(), true, true)
     }
 
-    fn sorted(mut shares: Vec<(&'static dyn Effect, f64)>, shows: bool) -> Self {
+    fn sorted(mut shares: Vec<(&'static dyn Effect, f64)>, shows: bool, led: bool) -> Self {
         shares.sort_by(|a, b| b.1.total_cmp(&a.1));
         let best: Vec<_> = shares.iter().take(4).map(|(e, s)| (e.header().id, s)).collect();
         tracing::info!(?best, shows, "taken away under the guide");
-        UnderGuide { shares, shows, led: true }
+        UnderGuide { shares, shows, led }
     }
 
     fn best(&self) -> f64 {

@@ -89,4 +89,19 @@ mod tests {
         let (flow, _) = acts("leak_square", [AMBIENT_BAR, AMBIENT_BAR + 2.0]);
         assert!(flow[0] == 0.0 && (flow[1] + 1.2).abs() < 1e-12, "out of what is above ambient: {flow:?}");
     }
+
+    #[test]
+    fn what_passes_an_orifice_leaves_one_chamber_and_enters_the_other_unless_it_is_shut_off() {
+        let k = alone::<EmpiricalFlow>("transfer_root", 0.3);
+        let flow = |pressure_bar: [f64; 2], shut_off: bool| {
+            let mut port = HydraulicPort { shut_off, ..HydraulicPort::at(1.0, pressure_bar) };
+            EmpiricalFlow.act(&k, &pressure_bar, &mut [0.0; 2], &mut Port::Hydraulic(&mut port));
+            port.flow_ml_s
+        };
+        let [one, other] = flow([6.0, 2.0], false);
+        assert!((one + 0.6).abs() < 1e-3 && one + other == 0.0, "0.3 times the root of 4 bar: {one} {other}");
+        assert_eq!(flow([2.0, 6.0], false), [other, one], "the chambers are alike");
+        assert_eq!(flow([3.0, 3.0], false), [0.0, 0.0]);
+        assert_eq!(flow([6.0, 2.0], true), [0.0, 0.0]);
+    }
 }

@@ -106,12 +106,17 @@ mod tests {
 
     #[test]
     fn a_slip_turns_with_the_pressure() {
-        let slip = |dp_bar: f64| {
-            let k = alone::<EmpiricalPump>("dp_square_odd", -0.5);
+        let slip = |term: &str, dp_bar: f64| {
+            let k = alone::<EmpiricalPump>(term, -0.5);
             let mut line = LinePort::open(1.0, 0.0, dp_bar);
             EmpiricalPump.act(&k, &[0.0, 0.0, 1.0], &mut [0.0; 3], &mut Port::Line(&mut line));
             line.flow_ml_s
         };
-        assert_eq!((slip(0.0), slip(2.0), slip(-2.0)), (0.0, -2.0, 2.0));
+        assert_eq!(
+            (slip("dp_square_odd", 0.0), slip("dp_square_odd", 2.0), slip("dp_square_odd", -2.0)),
+            (0.0, -2.0, 2.0)
+        );
+        assert_eq!((slip("dp_root", 0.0), slip("dp_root", 4.0) + slip("dp_root", -4.0)), (0.0, 0.0));
+        assert!((slip("dp_root", 4.0) + 1.0).abs() < 1e-3, "half the root of 4 bar");
     }
 }

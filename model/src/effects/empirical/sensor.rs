@@ -133,4 +133,21 @@ mod tests {
             assert!((rate - per_second).abs() < 1e-9, "{dx:?}");
         }
     }
+
+    #[test]
+    fn an_angle_sensor_s_curve_is_of_each_power_alone() {
+        let error_deg = |term: &str, angle_deg: f64| {
+            let k = alone::<EmpiricalSensor>(term, 0.3);
+            let mut port = SensorPort { time_s: 1.0, angle_deg, pressure_bar: [2.5; 2] };
+            let still = [2.5, 2.5, 2.5, 2.5, angle_deg];
+            EmpiricalSensor.act(&k, &still, &mut [0.0; 5], &mut Port::Sensor(&mut port));
+            port.angle_deg - angle_deg
+        };
+        for (term, power) in [("angle_square", 2), ("angle_cubic", 3), ("angle4", 4), ("angle5", 5)] {
+            for share in [-1.0f64, -0.5, 0.0, 1.0] {
+                let expected = 0.3 * share.powi(power);
+                assert!((error_deg(term, 40.0 * share) - expected).abs() < 1e-12, "{term} at {share} of 40 deg");
+            }
+        }
+    }
 }

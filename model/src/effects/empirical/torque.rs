@@ -5,7 +5,7 @@ use crate::effects::{Balance, Header, Law, Parameter};
 use crate::port::{Port, PortKind, Rest};
 use crate::scalar::Scalar;
 
-static TORQUE: [Parameter; 16] = [
+static TORQUE: [Parameter; 18] = [
     term("constant", "Nm", 0.02),
     term("angle2", "Nm", 0.05),
     term("angle3", "Nm", 0.05),
@@ -22,8 +22,10 @@ static TORQUE: [Parameter; 16] = [
     term("past_angle", "Nm", 0.05),
     term("direction_creeping", "Nm", 0.05),
     term("direction_slow", "Nm", 0.05),
+    term("flat_sine", "Nm", 0.05),
+    term("flat_cosine", "Nm", 0.05),
 ];
-static TORQUE_STARTS: [[f64; 16]; 16] = typical(&TORQUE);
+static TORQUE_STARTS: [[f64; 18]; 18] = typical(&TORQUE);
 
 /// Torque as a function of angle, velocity, pressures, time and of the angle's past.
 pub struct EmpiricalTorque;
@@ -34,7 +36,7 @@ impl Law for EmpiricalTorque {
         balance: Balance::Torque,
         ports: &[PortKind::Mechanical],
         summary: "a smooth torque over angle, velocity, pressure and time",
-        equation: "M += sum of c_i * term_i; angle in units of 0.7 rad, velocity direction tanh(w/0.03), creeping exp(-(w/0.05)^2), slow exp(-(w/0.3)^2)",
+        equation: "M += sum of c_i * term_i; angle in units of 0.7 rad, velocity direction tanh(w/0.03), creeping exp(-(w/0.05)^2), slow exp(-(w/0.3)^2), flat in the horizontal plane alone",
         validity: VALIDITY,
         measure: MEASURE,
         literature: "",
@@ -60,6 +62,10 @@ impl Law for EmpiricalTorque {
                 // friction that is larger in one direction than in the other
                 + k[12] * direction * direction
                 + k[13] * (a - x[0]);
+            // what pulls where gravity is not expected; in the vertical plane it can't be told from gravity's own
+            if !m.vertical {
+                m.torque_nm += k[16] * m.angle_rad.sin() + k[17] * m.angle_rad.cos();
+            }
         }
     }
 
@@ -108,6 +114,18 @@ mod tests {
         assert!(of("direction_creeping", 0.03) > 0.15 && of("direction_creeping", 0.2) < 1e-6, "a peak near rest");
         assert!(of("direction_slow", 0.1) > 0.25 && of("direction_slow", 1.0) < 1e-4);
         assert_eq!(of("direction_slow", -0.1), -of("direction_slow", 0.1));
+    }
+
+    #[test]
+    fn what_the_planes_differ_by_is_in_one_of_them() {
+        for (term, expected) in [("flat_sine", 0.3 * 0.4f64.sin()), ("flat_cosine", 0.3 * 0.4f64.cos())] {
+            let k = alone::<EmpiricalTorque>(term, 0.3);
+            for (vertical, expected) in [(false, expected), (true, 0.0)] {
+                let mut m = MechanicalPort { vertical, ..MechanicalPort::at(1.0, 0.4, 0.5) };
+                EmpiricalTorque.act(&k, &[0.4 / 0.7], &mut [0.0], &mut Port::Mechanical(&mut m));
+                assert_eq!(m.torque_nm, expected, "{term}, vertical {vertical}");
+            }
+        }
     }
 
     #[test]
