@@ -6,6 +6,7 @@ mod common;
 
 use common::{dynamic, layout, problem};
 use identify::colour::colours;
+use identify::false_minimum::{left_behind, with_plain_losses};
 use identify::fit::{Effort, fit};
 use identify::guide::Guide;
 use identify::identification::standard_errors;
@@ -164,4 +165,28 @@ fn a_direction_is_orthogonal_to_what_is_fitted() {
             assert!(cosine.abs() < 0.05, "{}: cosine {cosine}", layout.names()[c]);
         }
     }
+}
+
+#[test]
+fn a_fit_far_from_the_minimum_is_left_behind_and_a_good_one_kept() {
+    let truth = Parameters::example();
+    let problem = problem(&[dynamic(&truth, None, 12.0, 8)]);
+    let layout = layout(&truth);
+    // a fit that was given up at once stands in for a false minimum: `fit` leads past those that were tried here
+    let given_up = Effort { iterations: 1, ..Effort::default() };
+    let from = |start: &Parameters, effort: Effort| {
+        fit(&problem, &layout, problem.point(layout.vector_of(start)), effort).unwrap()
+    };
+    let mut stuck = truth;
+    stuck.losses.l2 = 200.0;
+    let (far, good) = (from(&stuck, given_up), from(&truth, Effort::default()));
+    let a_target = |cost: f64| cost / problem.targets() as f64;
+    assert!(a_target(far.cost) > 10.0, "no noise: {}", a_target(far.cost));
+    let afar = layout.vector_of(&with_plain_losses(truth));
+    let left = left_behind(&problem, far.clone(), &afar);
+    assert!((a_target(left.cost) - a_target(good.cost)).abs() < 0.01, "{} for {}", left.cost, good.cost);
+    let kept = left_behind(&problem, good.clone(), &afar);
+    assert!(kept.cost <= good.cost && a_target(good.cost - kept.cost) < 1e-3, "{} for {}", kept.cost, good.cost);
+    let nowhere = vec![1e6; afar.len()];
+    assert_eq!(left_behind(&problem, far.clone(), &nowhere).cost, far.cost, "a way that leads nowhere costs nothing");
 }

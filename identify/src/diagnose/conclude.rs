@@ -62,10 +62,17 @@ impl Search<'_> {
             Some(n) => {
                 let left = self.left(&found, &found.steps[n]);
                 let of_whole = misfit::total(&left) / misfit::total(&self.left(&found, &before));
-                match enough(found.steps[n].names.len(), misfit::largest(&left), of_whole) {
-                    Some(share) => self
-                        .nameless(&mut found, first, true)?
-                        .filter(|step| misfit::total(&self.left(&found, step)) < share * misfit::total(&left)),
+                let names = &found.steps[n].names;
+                let balance = |n: &Name| n.effect.header().balance;
+                let apart = names.iter().any(|n| balance(n) != balance(&names[0]));
+                match enough(names.len(), apart, misfit::largest(&left), of_whole) {
+                    Some(share) => {
+                        let cost = found.steps[n].fit.cost;
+                        self.nameless(&mut found, first, true)?.filter(|step| {
+                            let less = misfit::total(&self.left(&found, step)) < share * misfit::total(&left);
+                            less && (!apart || step.fit.cost < cost)
+                        })
+                    }
                     None => None,
                 }
             }
@@ -274,6 +281,8 @@ const FORM_OF_TWO: f64 = 0.01;
 /// Where they leave less than that, those must leave next to nothing of it: with terms for everything they always leave a little less. So must those that
 /// are preferred to one name that leaves a gross misfit, but no substantial part of the whole.
 const NEXT_TO_NOTHING: f64 = 0.2;
+/// Terms without a name, which are many, predict about as well as two names where they leave at most so many times as much.
+const ALIKE: f64 = 2.0;
 /// Terms without a name are preferred to a name that leaves more than noise where they leave less than this share of what the name
 /// leaves.
 const NAMELESS: f64 = 0.5;
@@ -283,7 +292,13 @@ const NAMELESS: f64 = 0.5;
 ///
 /// A name whose form leaves a substantial part must do better, and at least as well where that is a gross misfit; one that leaves less of it, but
 /// certainly more than noise, not much worse. Two names that leave more than noise must in any case: many a foreign effect is imitated by two.
-fn enough(names: usize, largest: f64, of_whole: f64) -> Option<f64> {
+///
+/// Two names `apart`, in different balances, are one thing imitated by two where terms of one balance fit the data better and leave about
+/// as much of what was left out.
+fn enough(names: usize, apart: bool, largest: f64, of_whole: f64) -> Option<f64> {
+    if apart {
+        return (largest >= MATERIAL).then_some(ALIKE);
+    }
     if names >= MOST_EFFECTS {
         let share = if of_whole > FORM_OF_TWO { 1.0 } else { NEXT_TO_NOTHING };
         return (largest >= IMITATED).then_some(share);
@@ -376,14 +391,16 @@ mod tests {
 
     #[test]
     fn two_names_are_held_against_terms_without_one_sooner_than_a_single_name() {
-        assert_eq!(enough(1, 0.3, 0.5), None, "noise, nearly");
-        assert_eq!(enough(1, 1.0, 0.01), None, "a matter of its form");
-        assert_eq!(enough(1, 2.0, 0.01), Some(NEXT_TO_NOTHING), "or the name of something else");
-        assert_eq!(enough(1, 1.0, 0.1), Some(NAMELESS));
-        assert_eq!(enough(1, 30.0, 0.1), Some(1.0), "a gross part of the whole is no matter of form");
-        assert_eq!(enough(2, 0.1, 0.5), None, "noise");
-        assert_eq!(enough(2, 0.3, 0.001), Some(NEXT_TO_NOTHING));
-        assert_eq!(enough(2, 2.0, 0.03), Some(1.0));
-        assert_eq!(enough(1, 0.0, f64::NAN), None, "nothing was there");
+        assert_eq!(enough(1, false, 0.3, 0.5), None, "noise, nearly");
+        assert_eq!(enough(1, false, 1.0, 0.01), None, "a matter of its form");
+        assert_eq!(enough(1, false, 2.0, 0.01), Some(NEXT_TO_NOTHING), "or the name of something else");
+        assert_eq!(enough(1, false, 1.0, 0.1), Some(NAMELESS));
+        assert_eq!(enough(1, false, 30.0, 0.1), Some(1.0), "a gross part of the whole is no matter of form");
+        assert_eq!(enough(2, false, 0.1, 0.5), None, "noise");
+        assert_eq!(enough(2, false, 0.3, 0.001), Some(NEXT_TO_NOTHING));
+        assert_eq!(enough(2, false, 2.0, 0.03), Some(1.0));
+        assert_eq!(enough(2, true, 0.11, 0.02), Some(ALIKE), "one balance may do for both");
+        assert_eq!(enough(2, true, 0.05, 0.001), None, "what they leave does not matter");
+        assert_eq!(enough(1, false, 0.0, f64::NAN), None, "nothing was there");
     }
 }

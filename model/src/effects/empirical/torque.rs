@@ -5,7 +5,7 @@ use crate::effects::{Balance, Header, Law, Parameter};
 use crate::port::{Port, PortKind, Rest};
 use crate::scalar::Scalar;
 
-static TORQUE: [Parameter; 18] = [
+static TORQUE: [Parameter; 24] = [
     term("constant", "Nm", 0.02),
     term("angle2", "Nm", 0.05),
     term("angle3", "Nm", 0.05),
@@ -24,8 +24,17 @@ static TORQUE: [Parameter; 18] = [
     term("direction_slow", "Nm", 0.05),
     term("flat_sine", "Nm", 0.05),
     term("flat_cosine", "Nm", 0.05),
+    term("wave6_sine", "Nm", 0.05),
+    term("wave6_cosine", "Nm", 0.05),
+    term("wave9_sine", "Nm", 0.05),
+    term("wave9_cosine", "Nm", 0.05),
+    term("wave12_sine", "Nm", 0.05),
+    term("wave12_cosine", "Nm", 0.05),
 ];
-static TORQUE_STARTS: [[f64; 18]; 18] = typical(&TORQUE);
+static TORQUE_STARTS: [[f64; 24]; 24] = typical(&TORQUE);
+
+/// Phase by angle (rad/rad) of the terms that repeat: about what a stroke of two radians can tell apart, above what the powers of the angle bend to.
+const WAVES: [f64; 3] = [6.0, 9.0, 12.0];
 
 /// Torque as a function of angle, velocity, pressures, time and of the angle's past.
 pub struct EmpiricalTorque;
@@ -36,7 +45,7 @@ impl Law for EmpiricalTorque {
         balance: Balance::Torque,
         ports: &[PortKind::Mechanical],
         summary: "a smooth torque over angle, velocity, pressure and time",
-        equation: "M += sum of c_i * term_i; angle in units of 0.7 rad, velocity direction tanh(w/0.03), creeping exp(-(w/0.05)^2), slow exp(-(w/0.3)^2), flat in the horizontal plane alone",
+        equation: "M += sum of c_i * term_i; angle in units of 0.7 rad, velocity direction tanh(w/0.03), creeping exp(-(w/0.05)^2), slow exp(-(w/0.3)^2), flat in the horizontal plane alone, waves of 6, 9, 12 to a radian of phase",
         validity: VALIDITY,
         measure: MEASURE,
         literature: "",
@@ -62,6 +71,11 @@ impl Law for EmpiricalTorque {
                 // friction that is larger in one direction than in the other
                 + k[12] * direction * direction
                 + k[13] * (a - x[0]);
+            // what repeats within the stroke, such as teeth and folds
+            for (n, waves) in WAVES.into_iter().enumerate() {
+                let phase = m.angle_rad * waves;
+                m.torque_nm += k[18 + 2 * n] * phase.sin() + k[19 + 2 * n] * phase.cos();
+            }
             // what pulls where gravity is not expected; in the vertical plane it can't be told from gravity's own
             if !m.vertical {
                 m.torque_nm += k[16] * m.angle_rad.sin() + k[17] * m.angle_rad.cos();
@@ -124,6 +138,18 @@ mod tests {
                 let mut m = MechanicalPort { vertical, ..MechanicalPort::at(1.0, 0.4, 0.5) };
                 EmpiricalTorque.act(&k, &[0.4 / 0.7], &mut [0.0], &mut Port::Mechanical(&mut m));
                 assert_eq!(m.torque_nm, expected, "{term}, vertical {vertical}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_repeats_within_the_stroke_does() {
+        for waves in WAVES {
+            for term in [format!("wave{waves}_sine"), format!("wave{waves}_cosine")] {
+                let of = |angle: f64| torque(&term, angle, 0.0);
+                assert!((of(0.1) - of(0.1 + std::f64::consts::TAU / waves)).abs() < 1e-12, "{term}");
+                let odd = if term.ends_with("_sine") { -1.0 } else { 1.0 };
+                assert!((of(0.2) - odd * of(-0.2)).abs() < 1e-12 && of(0.2) != 0.0, "{term}");
             }
         }
     }
