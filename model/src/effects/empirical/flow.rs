@@ -5,7 +5,7 @@ use crate::effects::{Balance, Header, Law, Parameter};
 use crate::port::{AMBIENT_BAR, Port, PortKind, Rest};
 use crate::scalar::Scalar;
 
-static FLOW: [Parameter; 15] = [
+static FLOW: [Parameter; 18] = [
     term("leak_both", "ml/(s bar)", 0.002),
     term("leak_difference", "ml/(s bar)", 0.002),
     term("leak_square", "ml/(s bar^2)", 0.001),
@@ -21,8 +21,14 @@ static FLOW: [Parameter; 15] = [
     term("displacement_angle2", "ml/rad", 0.5),
     term("past_pressure", "ml/(s bar)", 0.02),
     term("transfer_root", "ml/(s sqrt(bar))", 0.02),
+    term("leak_over2", "ml/(s bar)", 0.005),
+    term("leak_over3", "ml/(s bar)", 0.005),
+    term("leak_over4", "ml/(s bar)", 0.005),
 ];
-static FLOW_STARTS: [[f64; 15]; 15] = typical(&FLOW);
+static FLOW_STARTS: [[f64; 18]; 18] = typical(&FLOW);
+
+/// Pressures from which on a leak may grow faster: a valve that weeps, a joint that gapes.
+const OPENS_BAR: [f64; 3] = [2.0, 3.0, 4.0];
 
 /// Flows into the chambers, their capacity and displacement.
 pub struct EmpiricalFlow;
@@ -58,6 +64,9 @@ impl Law for EmpiricalFlow {
                 // half a second's memory of the pressure
                 dx[i] = (p - x[i]) / 0.5;
                 h.flow_ml_s[i] -= gauge * (k[0] + k[1] * side + k[2] * gauge.abs()) + k[13] * (p - x[i]);
+                for (over, n) in OPENS_BAR.into_iter().zip(15..) {
+                    h.flow_ml_s[i] -= k[n] * (p - over).at_least(0.0);
+                }
                 h.capacity_ml_bar[i] += (k[5] + k[6] * side) / (p * p) + k[7] * side + (k[8] + k[9] * a * a) * a * a;
                 h.displacement_ml_rad[i] += k[10] * (p - 2.5) * side + k[11] + k[12] * a * a * side;
             }
@@ -75,19 +84,30 @@ mod tests {
     use super::*;
     use crate::port::HydraulicPort;
 
+    /// Flow and capacity of a term of 0.3 alone.
+    fn acts(term: &str, pressure_bar: [f64; 2]) -> ([f64; 2], [f64; 2]) {
+        let k = alone::<EmpiricalFlow>(term, 0.3);
+        let mut port = HydraulicPort::at(1.0, pressure_bar);
+        EmpiricalFlow.act(&k, &pressure_bar, &mut [0.0; 2], &mut Port::Hydraulic(&mut port));
+        (port.flow_ml_s, port.capacity_ml_bar)
+    }
+
     #[test]
     fn what_one_chamber_lacks_and_what_grows_with_the_square_of_the_pressure_have_their_terms() {
-        let acts = |term: &str, pressure_bar: [f64; 2]| {
-            let k = alone::<EmpiricalFlow>(term, 0.3);
-            let mut port = HydraulicPort::at(1.0, pressure_bar);
-            EmpiricalFlow.act(&k, &pressure_bar, &mut [0.0; 2], &mut Port::Hydraulic(&mut port));
-            (port.flow_ml_s, port.capacity_ml_bar)
-        };
         let (_, both) = acts("capacity_low_pressure", [2.0, 2.0]);
         let (_, apart) = acts("capacity_low_pressure_difference", [2.0, 2.0]);
         assert_eq!((both[0] + apart[0], both[1] + apart[1]), (0.15, 0.0), "air in chamber 1 alone");
         let (flow, _) = acts("leak_square", [AMBIENT_BAR, AMBIENT_BAR + 2.0]);
         assert!(flow[0] == 0.0 && (flow[1] + 1.2).abs() < 1e-12, "out of what is above ambient: {flow:?}");
+    }
+
+    #[test]
+    fn what_opens_over_a_pressure_is_shut_below() {
+        for over in OPENS_BAR {
+            let out = |pressure: f64| acts(&format!("leak_over{over}"), [pressure, 1.0]).0[0];
+            assert_eq!((out(over - 0.5), out(over)), (0.0, 0.0));
+            assert!((out(over + 2.0) + 0.6).abs() < 1e-12, "0.3 times two bar: {}", out(over + 2.0));
+        }
     }
 
     #[test]
