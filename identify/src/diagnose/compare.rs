@@ -291,6 +291,24 @@ pub(super) fn where_they_differ(problem: &Problem, a: &Fit, b: &Fit) -> Result<S
     ))
 }
 
+/// What the terms of one balance leave: of data that were left out, and of those they were fitted to.
+struct Told {
+    left: f64,
+    fitted: f64,
+    fit: Fit,
+}
+
+/// Terms that leave more than this of data left out do not predict them.
+const PREDICTED: f64 = 0.5;
+
+/// The terms that predict best. A gross misfit that none of them predicts is one that they have to go on from (a curve beyond the angles it was seen at, a
+/// memory longer than theirs): how far they go astray there says nothing of the balance, what they make of the data they have does.
+fn tells(told: Vec<Told>, whole: f64, gross: bool) -> Option<Fit> {
+    let astray = gross && told.iter().all(|t| t.left > PREDICTED * whole);
+    let measure = |t: &Told| if astray { t.fitted } else { t.left };
+    told.into_iter().min_by(|a, b| measure(a).total_cmp(&measure(b))).map(|t| t.fit)
+}
+
 /// The balance whose nameless terms predict left-out data best, refitted: what is fitted better may only be the set with more terms.
 /// `round`: of those terms; `under`: what they take away under a guide, where the misfit is gross; `colours`: of the noise. `only`: of this balance alone.
 pub(super) fn empirical(
@@ -315,16 +333,18 @@ pub(super) fn empirical(
     let worth = gains.into_iter().filter(|(g, e)| *g > 0.3 * top && open(*e)).take(3);
     let sets: Vec<Vec<&'static dyn Effect>> = worth.map(|(_, e)| vec![e]).collect();
     let (clusters, _) = crate::score::clusters(&search.brief);
-    let mut best: Option<(f64, Fit)> = None;
+    let mut told: Vec<Told> = Vec::new();
     for refit in refit_all(&search.brief, &bases, round, &sets, None, search.progress) {
         let held_out = HoldOut::of(&search.brief, &refit.fit, &clusters)?.residuals();
-        let left = misfit::unweighted(&misfit::parts(&search.brief, &held_out, colours));
-        tracing::info!(term = ?refit.added, cost = refit.fit.cost, left, "nameless terms on data left out");
-        if best.as_ref().is_none_or(|(least, _)| left < *least) {
-            best = Some((left, refit.fit));
-        }
+        let fitted = search.brief.residuals(&refit.fit.layout, &refit.fit.point)?;
+        let leaves = |residual: &[Vec<f64>]| misfit::unweighted(&misfit::parts(&search.brief, residual, colours));
+        let of = Told { left: leaves(&held_out), fitted: leaves(&fitted), fit: refit.fit };
+        tracing::info!(term = ?refit.added, cost = of.fit.cost, of.left, of.fitted, "nameless terms on data left out");
+        told.push(of);
     }
-    let Some((_, best)) = best else { return Ok(None) };
+    let before = HoldOut::of(&search.brief, first.scene.fit, &clusters)?.residuals();
+    let whole = misfit::unweighted(&misfit::parts(&search.brief, &before, colours));
+    let Some(best) = tells(told, whole, under.is_some()) else { return Ok(None) };
     let effort = Effort { iterations: 8, tolerance: 1e-4, ..Effort::default() };
     let led = on_the_whole(search.problem, &search.reference, search.component, &best, effort);
     // no start leads below the reference model: from there on, with terms of no size

@@ -11,7 +11,7 @@ use super::{
     Added, CLEAR, CONSISTENT, DISAGREE, Diagnosis, EXPLAINED, GROSS, LEVEL, MATERIAL, MOST_EFFECTS, PREFERRED,
     SUBSTANTIAL, Verdict,
 };
-use crate::fit::Fit;
+use crate::fit::{Effort, Fit, fit};
 use crate::misfit::{self, Part};
 use crate::refit::advantage;
 use crate::simplify::simplify;
@@ -175,7 +175,20 @@ impl Search<'_> {
         let (held, better) = advantage(&reference.held_out, &step.held_out, &self.clusters, self.count);
         tracing::info!(term = ?step.fit.layout.effects, share, held, better, "nameless term");
         let convincing = held > 0.0 && better > PREFERRED && share > 0.0;
+        if certain && share <= 0.0 {
+            return Ok(Some(self.of_no_size(step)?));
+        }
         Ok((certain || convincing).then_some(step))
+    }
+
+    /// The reference model with the same terms of no size: they say in which balance something is missing, but a model that predicts worse with them than
+    /// without must not be handed on.
+    fn of_no_size(&self, step: Step) -> Result<Step, SimulationError> {
+        let Some(term) = step.fit.layout.effects.last().copied() else { return Ok(step) };
+        let mut point = self.reference.point.clone();
+        point.theta.extend(term.header().scaled(&step.fit.point.theta[point.theta.len()..], 0.0));
+        let as_it_is = Effort { iterations: 0, ..Effort::default() };
+        self.step(fit(self.problem, &step.fit.layout, point, as_it_is)?, Vec::new())
     }
 
     /// Terms without a name, or those of the balance in which the names that were refused lie, all in one, where these fit the data and predict what was
