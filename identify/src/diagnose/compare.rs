@@ -291,22 +291,25 @@ pub(super) fn where_they_differ(problem: &Problem, a: &Fit, b: &Fit) -> Result<S
     ))
 }
 
-/// What the terms of one balance leave: of data that were left out, and of those they were fitted to.
+/// What the terms of one balance leave.
+#[derive(Clone, Copy)]
 struct Told {
+    /// Of data that were left out.
     left: f64,
+    /// Of the data they were fitted to.
     fitted: f64,
-    fit: Fit,
 }
 
 /// Terms that leave more than this of data left out do not predict them.
 const PREDICTED: f64 = 0.5;
 
-/// The terms that predict best. A gross misfit that none of them predicts is one that they have to go on from (a curve beyond the angles it was seen at, a
-/// memory longer than theirs): how far they go astray there says nothing of the balance, what they make of the data they have does.
-fn tells(told: Vec<Told>, whole: f64, gross: bool) -> Option<Fit> {
+/// Which terms predict best. A gross misfit that none of them predicts is one that they have to go on from (a curve beyond the angles it was seen at, a
+/// memory longer than theirs): how far they go astray there says nothing of the balance, what they make of the data they have does. `whole`: what is left
+/// out without them.
+fn tells(told: &[Told], whole: f64, gross: bool) -> Option<usize> {
     let astray = gross && told.iter().all(|t| t.left > PREDICTED * whole);
     let measure = |t: &Told| if astray { t.fitted } else { t.left };
-    told.into_iter().min_by(|a, b| measure(a).total_cmp(&measure(b))).map(|t| t.fit)
+    (0..told.len()).min_by(|a, b| measure(&told[*a]).total_cmp(&measure(&told[*b])))
 }
 
 /// The balance whose nameless terms predict left-out data best, refitted: what is fitted better may only be the set with more terms.
@@ -333,18 +336,19 @@ pub(super) fn empirical(
     let worth = gains.into_iter().filter(|(g, e)| *g > 0.3 * top && open(*e)).take(3);
     let sets: Vec<Vec<&'static dyn Effect>> = worth.map(|(_, e)| vec![e]).collect();
     let (clusters, _) = crate::score::clusters(&search.brief);
-    let mut told: Vec<Told> = Vec::new();
+    let (mut told, mut fits) = (Vec::new(), Vec::new());
     for refit in refit_all(&search.brief, &bases, round, &sets, None, search.progress) {
         let held_out = HoldOut::of(&search.brief, &refit.fit, &clusters)?.residuals();
         let fitted = search.brief.residuals(&refit.fit.layout, &refit.fit.point)?;
         let leaves = |residual: &[Vec<f64>]| misfit::unweighted(&misfit::parts(&search.brief, residual, colours));
-        let of = Told { left: leaves(&held_out), fitted: leaves(&fitted), fit: refit.fit };
-        tracing::info!(term = ?refit.added, cost = of.fit.cost, of.left, of.fitted, "nameless terms on data left out");
+        let of = Told { left: leaves(&held_out), fitted: leaves(&fitted) };
+        tracing::info!(term = ?refit.added, cost = refit.fit.cost, of.left, of.fitted, "nameless terms on data left out");
         told.push(of);
+        fits.push(refit.fit);
     }
     let before = HoldOut::of(&search.brief, first.scene.fit, &clusters)?.residuals();
     let whole = misfit::unweighted(&misfit::parts(&search.brief, &before, colours));
-    let Some(best) = tells(told, whole, under.is_some()) else { return Ok(None) };
+    let Some(best) = tells(&told, whole, under.is_some()).map(|n| fits.swap_remove(n)) else { return Ok(None) };
     let effort = Effort { iterations: 8, tolerance: 1e-4, ..Effort::default() };
     let led = on_the_whole(search.problem, &search.reference, search.component, &best, effort);
     // no start leads below the reference model: from there on, with terms of no size
@@ -355,4 +359,18 @@ pub(super) fn empirical(
         point.theta.extend(term.header().scaled(&best.point.theta[point.theta.len()..], 0.0));
         crate::fit::fit(search.problem, &best.layout, point, effort).ok()
     }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn terms_that_predict_best_stand_and_where_none_predicts_a_gross_misfit_those_that_fit_best() {
+        let of = |left: f64, fitted: f64| Told { left, fitted };
+        assert_eq!(tells(&[of(60.0, 10.0), of(40.0, 30.0)], 100.0, true), Some(1), "one of them predicts");
+        assert_eq!(tells(&[of(900.0, 10.0), of(70.0, 30.0)], 100.0, true), Some(0), "none does");
+        assert_eq!(tells(&[of(900.0, 10.0), of(70.0, 30.0)], 100.0, false), Some(1), "nor is it gross");
+        assert_eq!(tells(&[], 100.0, true), None);
+    }
 }

@@ -45,7 +45,7 @@ impl Law for EmpiricalTorque {
         balance: Balance::Torque,
         ports: &[PortKind::Mechanical],
         summary: "a smooth torque over angle, velocity, pressure and time",
-        equation: "M += sum of c_i * term_i; angle in units of 0.7 rad, velocity direction tanh(w/0.03), creeping exp(-(w/0.05)^2), slow exp(-(w/0.3)^2), flat in the horizontal plane alone, waves of 6, 9, 12 to a radian of phase",
+        equation: "M += sum of c_i * term_i; angle in units of 0.7 rad, velocity direction tanh(w/0.03), creeping exp(-(w/0.05)^2), slow exp(-(w/0.3)^2), flat in the horizontal plane alone, waves of 6, 9, 12 rad of phase to a radian",
         validity: VALIDITY,
         measure: MEASURE,
         literature: "",
@@ -76,7 +76,7 @@ impl Law for EmpiricalTorque {
                 let phase = m.angle_rad * waves;
                 m.torque_nm += k[18 + 2 * n] * phase.sin() + k[19 + 2 * n] * phase.cos();
             }
-            // what pulls where gravity is not expected; in the vertical plane it can't be told from gravity's own
+            // what pulls where gravity is not expected; in the vertical plane its sine can't be told from gravity's own
             if !m.vertical {
                 m.torque_nm += k[16] * m.angle_rad.sin() + k[17] * m.angle_rad.cos();
             }
