@@ -1,15 +1,11 @@
 //! Refits of a round's candidates, and how they compare.
 
-use model::effects::empirical::EMPIRICAL;
-use model::effects::{Balance, Effect};
+use model::effects::Effect;
 use model::integrate::SimulationError;
 
-use super::holdout::HoldOut;
 use super::round::Round;
-use super::search::Search;
-use super::under_guide::UnderGuide;
 use super::{GUIDED_S, MATERIAL, PREFERRED, Ranked};
-use crate::colour::{Colour, colours};
+use crate::colour::colours;
 use crate::fit::{Effort, Fit};
 use crate::guided::Guided;
 use crate::misfit;
@@ -289,88 +285,4 @@ pub(super) fn where_they_differ(problem: &Problem, a: &Fit, b: &Fit) -> Result<S
         "another {protocol} run, several times as long or with larger amplitude: there the leading candidates differ most ({:.2} noise floors RMS)",
         (sum / n as f64).sqrt()
     ))
-}
-
-/// What the terms of one balance leave.
-#[derive(Clone, Copy)]
-struct Told {
-    /// Of data that were left out.
-    left: f64,
-    /// Of the data they were fitted to.
-    fitted: f64,
-}
-
-/// Terms that leave more than this of data left out do not predict them.
-const PREDICTED: f64 = 0.5;
-
-/// Which terms predict best. A gross misfit that none of them predicts is one that they have to go on from (a curve beyond the angles it was seen at, a
-/// memory longer than theirs): how far they go astray there says nothing of the balance, what they make of the data they have does. `whole`: what is left
-/// out without them.
-fn tells(told: &[Told], whole: f64, gross: bool) -> Option<usize> {
-    let astray = gross && told.iter().all(|t| t.left > PREDICTED * whole);
-    let measure = |t: &Told| if astray { t.fitted } else { t.left };
-    (0..told.len()).min_by(|a, b| measure(&told[*a]).total_cmp(&measure(&told[*b])))
-}
-
-/// The balance whose nameless terms predict left-out data best, refitted: what is fitted better may only be the set with more terms.
-/// `round`: of those terms; `under`: what they take away under a guide, where the misfit is gross; `colours`: of the noise. `only`: of this balance alone.
-pub(super) fn empirical(
-    search: &Search,
-    round: &Round,
-    first: &Round,
-    under: Option<&UnderGuide>,
-    colours: &[Colour],
-    only: Option<Balance>,
-) -> Result<Option<Fit>, SimulationError> {
-    let ports = search.problem.plant.header().ports;
-    let terms = EMPIRICAL.iter().filter(|e| e.header().ports.iter().all(|p| ports.contains(p)));
-    let terms = terms.filter(|e| only.is_none_or(|balance| e.header().balance == balance));
-    let mut gains: Vec<(f64, &'static dyn Effect)> =
-        terms.map(|e| (round.gram.gain(&round.of(e.header().id)), *e)).collect();
-    gains.sort_by(|a, b| b.0.total_cmp(&a.0));
-    tracing::debug!(?gains, "nameless terms");
-    let top = gains.first().map_or(0.0, |(g, _)| *g);
-    let led = under.filter(|under| under.led).and_then(|_| first.guided(search));
-    let bases = search.bases(round, led, false);
-    let open = |e: &'static dyn Effect| under.is_none_or(|under| !under.rules_out(e));
-    let worth = gains.into_iter().filter(|(g, e)| *g > 0.3 * top && open(*e)).take(3);
-    let sets: Vec<Vec<&'static dyn Effect>> = worth.map(|(_, e)| vec![e]).collect();
-    let (clusters, _) = crate::score::clusters(&search.brief);
-    let (mut told, mut fits) = (Vec::new(), Vec::new());
-    for refit in refit_all(&search.brief, &bases, round, &sets, None, search.progress) {
-        let held_out = HoldOut::of(&search.brief, &refit.fit, &clusters)?.residuals();
-        let fitted = search.brief.residuals(&refit.fit.layout, &refit.fit.point)?;
-        let leaves = |residual: &[Vec<f64>]| misfit::unweighted(&misfit::parts(&search.brief, residual, colours));
-        let of = Told { left: leaves(&held_out), fitted: leaves(&fitted) };
-        tracing::info!(term = ?refit.added, cost = refit.fit.cost, of.left, of.fitted, "nameless terms on data left out");
-        told.push(of);
-        fits.push(refit.fit);
-    }
-    let before = HoldOut::of(&search.brief, first.scene.fit, &clusters)?.residuals();
-    let whole = misfit::unweighted(&misfit::parts(&search.brief, &before, colours));
-    let Some(best) = tells(&told, whole, under.is_some()).map(|n| fits.swap_remove(n)) else { return Ok(None) };
-    let effort = Effort { iterations: 8, tolerance: 1e-4, ..Effort::default() };
-    let led = on_the_whole(search.problem, &search.reference, search.component, &best, effort);
-    // no start leads below the reference model: from there on, with terms of no size
-    Ok(led.or_else(|| {
-        let mut point = search.reference.point.clone();
-        // the term is the last of the effects: a declared model may carry others
-        let term = best.layout.effects.last()?;
-        point.theta.extend(term.header().scaled(&best.point.theta[point.theta.len()..], 0.0));
-        crate::fit::fit(search.problem, &best.layout, point, effort).ok()
-    }))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn terms_that_predict_best_stand_and_where_none_predicts_a_gross_misfit_those_that_fit_best() {
-        let of = |left: f64, fitted: f64| Told { left, fitted };
-        assert_eq!(tells(&[of(60.0, 10.0), of(40.0, 30.0)], 100.0, true), Some(1), "one of them predicts");
-        assert_eq!(tells(&[of(900.0, 10.0), of(70.0, 30.0)], 100.0, true), Some(0), "none does");
-        assert_eq!(tells(&[of(900.0, 10.0), of(70.0, 30.0)], 100.0, false), Some(1), "nor is it gross");
-        assert_eq!(tells(&[], 100.0, true), None);
-    }
 }

@@ -1,19 +1,15 @@
 //! From what was found to the verdict.
 
 use model::effects::Balance;
-use model::effects::empirical::EMPIRICAL;
 use model::integrate::SimulationError;
 
-use super::compare::empirical;
 use super::round::Round;
 use super::search::{Found, Name, Search, Step};
 use super::{
-    Added, CLEAR, CONSISTENT, DISAGREE, Diagnosis, EXPLAINED, GROSS, LEVEL, MATERIAL, MOST_EFFECTS, PREFERRED,
-    SUBSTANTIAL, Verdict,
+    Added, CLEAR, CONSISTENT, DISAGREE, Diagnosis, EXPLAINED, GROSS, MATERIAL, MOST_EFFECTS, SUBSTANTIAL, Verdict,
 };
-use crate::fit::{Effort, Fit, fit};
+use crate::fit::Fit;
 use crate::misfit::{self, Part};
-use crate::refit::advantage;
 use crate::simplify::simplify;
 use crate::uncertainty::Uncertainty;
 
@@ -138,72 +134,6 @@ impl Search<'_> {
         })
     }
 
-    /// The nameless term of the balance that explains most, where there is something to explain. `certain`: there is, whether a
-    /// term explains it or not. Otherwise the terms' score test, its size, and the data that were left out must agree. `first`: the round at the
-    /// reference model.
-    pub fn nameless(&self, found: &mut Found, first: &Round, certain: bool) -> Result<Option<Step>, SimulationError> {
-        if certain {
-            return self.look_for_nameless(found, first, true, None);
-        }
-        if found.convincing.is_none() {
-            found.convincing = Some(self.look_for_nameless(found, first, false, None)?);
-        }
-        Ok(found.convincing.clone().flatten())
-    }
-
-    fn look_for_nameless(
-        &self,
-        found: &mut Found,
-        first: &Round,
-        certain: bool,
-        only: Option<Balance>,
-    ) -> Result<Option<Step>, SimulationError> {
-        let reference = found.steps[0].clone();
-        let round = Round::new(&self.brief, first.scene.fit, EMPIRICAL.iter().copied())?;
-        let p = round.p_value(|_| true);
-        tracing::info!(p, certain, "nameless terms");
-        if p > LEVEL && !certain {
-            return Ok(None);
-        }
-        let under = if only.is_some() { None } else { self.nameless_under_guide(found, first)? };
-        let Some(fit) = empirical(self, &round, first, under.as_ref(), &found.colours, only)? else { return Ok(None) };
-        let step = self.step(fit, Vec::new())?;
-        found.learn(self.problem, &step.residual);
-        let before = self.left(found, &reference);
-        let after = self.left(found, &step);
-        let share = explained_share(&before, &after);
-        let (held, better) = advantage(&reference.held_out, &step.held_out, &self.clusters, self.count);
-        tracing::info!(term = ?step.fit.layout.effects, share, held, better, "nameless term");
-        let convincing = held > 0.0 && better > PREFERRED && share > 0.0;
-        if certain && share <= 0.0 {
-            return Ok(Some(self.of_no_size(step)?));
-        }
-        Ok((certain || convincing).then_some(step))
-    }
-
-    /// The reference model with the same terms of no size: they say in which balance something is missing, but a model that predicts worse with them than
-    /// without must not be handed on.
-    fn of_no_size(&self, step: Step) -> Result<Step, SimulationError> {
-        let Some(term) = step.fit.layout.effects.last().copied() else { return Ok(step) };
-        let mut point = self.reference.point.clone();
-        point.theta.extend(term.header().scaled(&step.fit.point.theta[point.theta.len()..], 0.0));
-        let as_it_is = Effort { iterations: 0, ..Effort::default() };
-        self.step(fit(self.problem, &step.fit.layout, point, as_it_is)?, Vec::new())
-    }
-
-    /// Terms without a name, or those of the balance in which the names that were refused lie, all in one, where these fit the data and predict what was
-    /// left out better than the terms do: terms that explain less than a name that is not the explanation say nothing of where it lies.
-    fn where_a_name_points(&self, found: &mut Found, first: &Round, terms: Step) -> Result<Step, SimulationError> {
-        let names: Vec<Balance> = found.last().names.iter().map(|n| n.effect.header().balance).collect();
-        let of_terms = terms.fit.layout.effects.last().map(|e| e.header().balance);
-        let leaves = |step: &Step| (step.fit.cost, misfit::total(&self.left(found, step)));
-        let Some(balance) = pointed_at(&names, of_terms, leaves(found.last()), leaves(&terms)) else {
-            return Ok(terms);
-        };
-        tracing::info!(?balance, "the names that were refused say more of the balance than terms without a name");
-        Ok(self.look_for_nameless(found, first, true, Some(balance))?.unwrap_or(terms))
-    }
-
     /// What a fit carries, with values and standard errors.
     fn added(&self, fit: &Fit, names: &[Name]) -> Result<Vec<Added>, SimulationError> {
         if names.is_empty() {
@@ -322,22 +252,8 @@ fn enough(names: usize, apart: bool, largest: f64, of_whole: f64) -> Option<f64>
     (largest > GROSS).then_some(NEXT_TO_NOTHING)
 }
 
-/// The balance of the names that were refused, where it is one, not that of the terms without a name, and the names leave less than those, of what was
-/// fitted (cost) and of what was left out. Terms that fit far better may predict less only because they are many.
-fn pointed_at(
-    names: &[Balance],
-    terms: Option<Balance>,
-    left_by_names: (f64, f64),
-    left_by_terms: (f64, f64),
-) -> Option<Balance> {
-    let own = *names.first()?;
-    let elsewhere = names.iter().all(|b| *b == own) && terms != Some(own);
-    let less = left_by_names.0 < left_by_terms.0 && left_by_names.1 < left_by_terms.1;
-    (elsewhere && less).then_some(own)
-}
-
 /// 1 - structured residual after / before, over the parts that decide.
-fn explained_share(before: &[Part], after: &[Part]) -> f64 {
+pub(super) fn explained_share(before: &[Part], after: &[Part]) -> f64 {
     let total = misfit::total(before);
     if total > 0.0 { 1.0 - misfit::total(after) / total } else { 1.0 }
 }
@@ -358,19 +274,6 @@ fn balance_p_values(first: &Round, last: &Round, added: &[Added]) -> Vec<(Balanc
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn refused_names_point_at_their_balance_where_terms_without_one_say_less() {
-        use Balance::{Flow, Sensor, Torque};
-        let (names, terms) = ((60.0, 0.8), (90.0, 0.9));
-        assert_eq!(pointed_at(&[Torque], Some(Sensor), names, terms), Some(Torque));
-        assert_eq!(pointed_at(&[Torque, Torque], Some(Sensor), names, terms), Some(Torque));
-        assert_eq!(pointed_at(&[Torque], Some(Sensor), names, (90.0, 0.4)), None, "the terms predict more");
-        assert_eq!(pointed_at(&[Torque], Some(Sensor), names, (50.0, 0.9)), None, "the terms fit more");
-        assert_eq!(pointed_at(&[Torque, Flow], Some(Sensor), names, terms), None, "two balances");
-        assert_eq!(pointed_at(&[Torque], Some(Torque), names, terms), None, "it is theirs");
-        assert_eq!(pointed_at(&[], Some(Torque), names, terms), None, "nothing was refused");
-    }
 
     #[test]
     fn a_name_leaves_noise_or_a_matter_of_its_form_and_a_second_one_does_much_or_all() {

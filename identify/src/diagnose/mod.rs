@@ -7,6 +7,7 @@
 mod compare;
 mod conclude;
 mod holdout;
+mod nameless;
 mod needless;
 mod review;
 mod round;

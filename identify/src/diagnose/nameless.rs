@@ -1,0 +1,196 @@
+//! Terms without a name: in which balance something is missing, where no name says what.
+
+use model::effects::empirical::EMPIRICAL;
+use model::effects::{Balance, Effect};
+use model::integrate::SimulationError;
+
+use super::compare::{on_the_whole, refit_all};
+use super::conclude::explained_share;
+use super::holdout::HoldOut;
+use super::round::Round;
+use super::search::{Found, Search, Step};
+use super::under_guide::UnderGuide;
+use super::{LEVEL, PREFERRED};
+use crate::colour::Colour;
+use crate::fit::{Effort, Fit, fit};
+use crate::misfit;
+use crate::refit::advantage;
+
+impl Search<'_> {
+    /// The nameless term of the balance that explains most, where there is something to explain. `certain`: there is, whether a
+    /// term explains it or not. Otherwise the terms' score test, its size, and the data that were left out must agree. `first`: the round at the
+    /// reference model.
+    pub fn nameless(&self, found: &mut Found, first: &Round, certain: bool) -> Result<Option<Step>, SimulationError> {
+        if certain {
+            return self.look_for_nameless(found, first, true, None);
+        }
+        if found.convincing.is_none() {
+            found.convincing = Some(self.look_for_nameless(found, first, false, None)?);
+        }
+        Ok(found.convincing.clone().flatten())
+    }
+
+    fn look_for_nameless(
+        &self,
+        found: &mut Found,
+        first: &Round,
+        certain: bool,
+        only: Option<Balance>,
+    ) -> Result<Option<Step>, SimulationError> {
+        let reference = found.steps[0].clone();
+        let round = Round::new(&self.brief, first.scene.fit, EMPIRICAL.iter().copied())?;
+        let p = round.p_value(|_| true);
+        tracing::info!(p, certain, "nameless terms");
+        if p > LEVEL && !certain {
+            return Ok(None);
+        }
+        let under = if only.is_some() { None } else { self.nameless_under_guide(found, first)? };
+        let Some(fit) = empirical(self, &round, first, under.as_ref(), &found.colours, only)? else { return Ok(None) };
+        let step = self.step(fit, Vec::new())?;
+        found.learn(self.problem, &step.residual);
+        let before = self.left(found, &reference);
+        let after = self.left(found, &step);
+        let share = explained_share(&before, &after);
+        let (held, better) = advantage(&reference.held_out, &step.held_out, &self.clusters, self.count);
+        tracing::info!(term = ?step.fit.layout.effects, share, held, better, "nameless term");
+        let convincing = held > 0.0 && better > PREFERRED && share > 0.0;
+        if certain && share <= 0.0 {
+            return Ok(Some(self.of_no_size(step)?));
+        }
+        Ok((certain || convincing).then_some(step))
+    }
+
+    /// The reference model with the same terms of no size: they say in which balance something is missing, but a model that predicts worse with them than
+    /// without must not be handed on.
+    fn of_no_size(&self, step: Step) -> Result<Step, SimulationError> {
+        let Some(term) = step.fit.layout.effects.last().copied() else { return Ok(step) };
+        let mut point = self.reference.point.clone();
+        point.theta.extend(term.header().scaled(&step.fit.point.theta[point.theta.len()..], 0.0));
+        let as_it_is = Effort { iterations: 0, ..Effort::default() };
+        self.step(fit(self.problem, &step.fit.layout, point, as_it_is)?, Vec::new())
+    }
+
+    /// Terms without a name, or those of the balance in which the names that were refused lie, all in one, where these fit the data and predict what was
+    /// left out better than the terms do: terms that explain less than a name that is not the explanation say nothing of where it lies.
+    pub fn where_a_name_points(&self, found: &mut Found, first: &Round, terms: Step) -> Result<Step, SimulationError> {
+        let names: Vec<Balance> = found.last().names.iter().map(|n| n.effect.header().balance).collect();
+        let of_terms = terms.fit.layout.effects.last().map(|e| e.header().balance);
+        let leaves = |step: &Step| (step.fit.cost, misfit::total(&self.left(found, step)));
+        let Some(balance) = pointed_at(&names, of_terms, leaves(found.last()), leaves(&terms)) else {
+            return Ok(terms);
+        };
+        tracing::info!(?balance, "the names that were refused say more of the balance than terms without a name");
+        Ok(self.look_for_nameless(found, first, true, Some(balance))?.unwrap_or(terms))
+    }
+}
+
+/// The balance of the names that were refused, where it is one, not that of the terms without a name, and the names leave less than those, of what was
+/// fitted (cost) and of what was left out. Terms that fit far better may predict less only because they are many.
+fn pointed_at(
+    names: &[Balance],
+    terms: Option<Balance>,
+    left_by_names: (f64, f64),
+    left_by_terms: (f64, f64),
+) -> Option<Balance> {
+    let own = *names.first()?;
+    let elsewhere = names.iter().all(|b| *b == own) && terms != Some(own);
+    let less = left_by_names.0 < left_by_terms.0 && left_by_names.1 < left_by_terms.1;
+    (elsewhere && less).then_some(own)
+}
+
+/// What the terms of one balance leave.
+#[derive(Clone, Copy)]
+struct Told {
+    /// Of data that were left out.
+    left: f64,
+    /// Of the data they were fitted to.
+    fitted: f64,
+}
+
+/// Terms that leave more than this of data left out do not predict them.
+const PREDICTED: f64 = 0.5;
+
+/// Which terms predict best. A gross misfit that none of them predicts is one that they have to go on from (a curve beyond the angles it was seen at, a
+/// memory longer than theirs): how far they go astray there says nothing of the balance, what they make of the data they have does. `whole`: what is left
+/// out without them.
+fn tells(told: &[Told], whole: f64, gross: bool) -> Option<usize> {
+    let astray = gross && told.iter().all(|t| t.left > PREDICTED * whole);
+    let measure = |t: &Told| if astray { t.fitted } else { t.left };
+    (0..told.len()).min_by(|a, b| measure(&told[*a]).total_cmp(&measure(&told[*b])))
+}
+
+/// The balance whose nameless terms predict left-out data best, refitted: what is fitted better may only be the set with more terms.
+/// `round`: of those terms; `under`: what they take away under a guide, where the misfit is gross; `colours`: of the noise. `only`: of this balance alone.
+fn empirical(
+    search: &Search,
+    round: &Round,
+    first: &Round,
+    under: Option<&UnderGuide>,
+    colours: &[Colour],
+    only: Option<Balance>,
+) -> Result<Option<Fit>, SimulationError> {
+    let ports = search.problem.plant.header().ports;
+    let terms = EMPIRICAL.iter().filter(|e| e.header().ports.iter().all(|p| ports.contains(p)));
+    let terms = terms.filter(|e| only.is_none_or(|balance| e.header().balance == balance));
+    let mut gains: Vec<(f64, &'static dyn Effect)> =
+        terms.map(|e| (round.gram.gain(&round.of(e.header().id)), *e)).collect();
+    gains.sort_by(|a, b| b.0.total_cmp(&a.0));
+    tracing::debug!(?gains, "nameless terms");
+    let top = gains.first().map_or(0.0, |(g, _)| *g);
+    let led = under.filter(|under| under.led).and_then(|_| first.guided(search));
+    let bases = search.bases(round, led, false);
+    let open = |e: &'static dyn Effect| under.is_none_or(|under| !under.rules_out(e));
+    let worth = gains.into_iter().filter(|(g, e)| *g > 0.3 * top && open(*e)).take(3);
+    let sets: Vec<Vec<&'static dyn Effect>> = worth.map(|(_, e)| vec![e]).collect();
+    let (clusters, _) = crate::score::clusters(&search.brief);
+    let (mut told, mut fits) = (Vec::new(), Vec::new());
+    for refit in refit_all(&search.brief, &bases, round, &sets, None, search.progress) {
+        let held_out = HoldOut::of(&search.brief, &refit.fit, &clusters)?.residuals();
+        let fitted = search.brief.residuals(&refit.fit.layout, &refit.fit.point)?;
+        let leaves = |residual: &[Vec<f64>]| misfit::unweighted(&misfit::parts(&search.brief, residual, colours));
+        let of = Told { left: leaves(&held_out), fitted: leaves(&fitted) };
+        tracing::info!(term = ?refit.added, cost = refit.fit.cost, of.left, of.fitted, "nameless terms on data left out");
+        told.push(of);
+        fits.push(refit.fit);
+    }
+    let before = HoldOut::of(&search.brief, first.scene.fit, &clusters)?.residuals();
+    let whole = misfit::unweighted(&misfit::parts(&search.brief, &before, colours));
+    let Some(best) = tells(&told, whole, under.is_some()).map(|n| fits.swap_remove(n)) else { return Ok(None) };
+    let effort = Effort { iterations: 8, tolerance: 1e-4, ..Effort::default() };
+    let led = on_the_whole(search.problem, &search.reference, search.component, &best, effort);
+    // no start leads below the reference model: from there on, with terms of no size
+    Ok(led.or_else(|| {
+        let mut point = search.reference.point.clone();
+        // the term is the last of the effects: a declared model may carry others
+        let term = best.layout.effects.last()?;
+        point.theta.extend(term.header().scaled(&best.point.theta[point.theta.len()..], 0.0));
+        fit(search.problem, &best.layout, point, effort).ok()
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn refused_names_point_at_their_balance_where_terms_without_one_say_less() {
+        use Balance::{Flow, Sensor, Torque};
+        let (names, terms) = ((60.0, 0.8), (90.0, 0.9));
+        assert_eq!(pointed_at(&[Torque], Some(Sensor), names, terms), Some(Torque));
+        assert_eq!(pointed_at(&[Torque, Torque], Some(Sensor), names, terms), Some(Torque));
+        assert_eq!(pointed_at(&[Torque], Some(Sensor), names, (90.0, 0.4)), None, "the terms predict more");
+        assert_eq!(pointed_at(&[Torque], Some(Sensor), names, (50.0, 0.9)), None, "the terms fit more");
+        assert_eq!(pointed_at(&[Torque, Flow], Some(Sensor), names, terms), None, "two balances");
+        assert_eq!(pointed_at(&[Torque], Some(Torque), names, terms), None, "it is theirs");
+        assert_eq!(pointed_at(&[], Some(Torque), names, terms), None, "nothing was refused");
+    }
+
+    #[test]
+    fn terms_that_predict_best_stand_and_where_none_predicts_a_gross_misfit_those_that_fit_best() {
+        let of = |left: f64, fitted: f64| Told { left, fitted };
+        assert_eq!(tells(&[of(60.0, 10.0), of(40.0, 30.0)], 100.0, true), Some(1), "one of them predicts");
+        assert_eq!(tells(&[of(900.0, 10.0), of(70.0, 30.0)], 100.0, true), Some(0), "none does");
+        assert_eq!(tells(&[of(900.0, 10.0), of(70.0, 30.0)], 100.0, false), Some(1), "nor is it gross");
+        assert_eq!(tells(&[], 100.0, true), None);
+    }
+}
