@@ -150,10 +150,13 @@ fn starts(added: &[(&'static dyn Effect, Vec<&Direction>)]) -> Vec<Vec<f64>> {
         .map(|(effect, directions)| {
             let mut out = Vec::new();
             for d in directions.iter().take(2) {
-                let scale = d.scale().clamp(0.05, 20.0);
+                let scale = d.scale().clamp(SMALL, LARGE);
                 out.push(effect.header().scaled(&d.start, scale));
                 if !(0.3..3.0).contains(&scale) {
                     out.push(d.start.clone());
+                }
+                if let Some(far) = far(d) {
+                    out.push(effect.header().scaled(&d.start, far));
                 }
             }
             if out.is_empty() {
@@ -167,6 +170,17 @@ fn starts(added: &[(&'static dyn Effect, Vec<&Direction>)]) -> Vec<Vec<f64>> {
         [a, b] => vec![[a[0].clone(), b[0].clone()].concat()],
         more => vec![more.iter().flat_map(|m| m[0].clone()).collect()],
     }
+}
+
+/// Scales of a start between which it is taken at its word: an effect bends what follows from it, and what is linear in its size far off is another matter.
+const SMALL: f64 = 0.05;
+const LARGE: f64 = 20.0;
+
+/// The scale that the residual asks for where it is larger or has the other sign, for an effect that acts in either direction.
+fn far(direction: &Direction) -> Option<f64> {
+    let one_sided = direction.effect.header().parameters.iter().any(|p| p.size && p.lower >= 0.0);
+    let scale = direction.scale();
+    (!one_sided && scale.is_finite() && !(-SMALL..=LARGE).contains(&scale)).then_some(scale)
 }
 
 /// By how much the second residual is smaller: difference of the sums of squares, and its significance in standard errors.
@@ -204,6 +218,25 @@ mod tests {
         let after: Vec<Vec<f64>> = pairs.iter().map(|p| vec![p.1]).collect();
         let clusters: Vec<Vec<usize>> = (0..pairs.len()).map(|n| vec![n]).collect();
         advantage(&before, &after, &clusters, pairs.len()).1
+    }
+
+    #[test]
+    fn what_acts_in_either_direction_starts_also_as_far_off_as_the_residual_asks() {
+        let starting = |id: &str, start: &[f64], scale: f64| {
+            let effect = model::effects::find(id).expect("an effect of the library");
+            let (raw, secant) = (Vec::new(), Vec::new());
+            let direction =
+                Direction { effect, start: start.to_vec(), raw, secant, square: 2.0, with_residual: 2.0 * scale };
+            starts(&[(effect, vec![&direction])])
+        };
+        let held = |starts: &[Vec<f64>], value: f64| starts.iter().any(|s| (s[0] - value).abs() < 1e-12);
+        assert_eq!(starting("tilt", &[0.05, 0.0], 2.0), [[0.1, 0.0]], "taken at its word");
+        let far = starting("tilt", &[0.05, 0.0], 90.0);
+        assert!(held(&far, 4.5) && held(&far, 1.0) && held(&far, 0.05), "{far:?}");
+        assert!(held(&starting("tilt", &[0.05, 0.0], -90.0), -4.5), "the other way");
+        assert!(held(&starting("tilt", &[0.05, 0.0], 900.0), 5.0), "no further than its bound");
+        let leak = starting("cross_leakage", &[0.5, 1.0], -90.0);
+        assert!(leak.iter().all(|s| s[0] > 0.0), "{leak:?}");
     }
 
     #[test]

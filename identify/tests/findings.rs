@@ -203,6 +203,20 @@ fn terms_without_a_name_that_carry_over_are_not_said_to_be_confined() {
     assert!(better && !says_confined(&analysis), "{:?}", analysis.headline);
 }
 
+#[test]
+fn terms_of_no_size_are_said_to_tell_the_balance_alone() {
+    let dir = tempfile::tempdir().unwrap();
+    let terms = EMPIRICAL[2].header().parameters.len();
+    let said = |size: f64| {
+        let dir = dir.path().join(size.to_string());
+        std::fs::create_dir(&dir).unwrap();
+        let analysis = diagnosed(&dir, Verdict::Unrecognised, "empirical_pump", &vec![size; terms], &[]);
+        check_report(&analysis);
+        analysis.headline[0].contains("pump balance") && analysis.headline[0].contains("of no size in the model")
+    };
+    assert!(said(0.0) && !said(0.02));
+}
+
 fn says_confined(analysis: &Analysis) -> bool {
     analysis.headline.iter().any(|line| line.contains("do not hold beyond the runs they were fitted to"))
 }

@@ -7,7 +7,7 @@ use super::plan::{Kind, Planned, Stream, chance, plan};
 use super::rig::{Rig, Truth, draw};
 use super::runs::{Recorded, record};
 use super::sensors::in_log;
-use super::yardstick::{ChannelError, Yardstick, largest, sized};
+use super::yardstick::{ChannelError, Yardstick, largest, resized, sized};
 use crate::failure::{self, Failure};
 use identify::analysis::write_whole;
 use identify::diagnose::{Diagnosis, diagnose_with};
@@ -111,7 +111,7 @@ fn prepare(seed: u64, planned: &Planned, rig: &Rig, attempt: u64) -> Result<Seal
             without.push(fit);
             last.push(shown);
             let (effect, values) = truth.effects[number].clone();
-            let next = effect.header().scaled(&values, (wanted / shown).clamp(0.2, 5.0));
+            let next = resized(&truth, effect, &values, (wanted / shown).clamp(0.2, 5.0));
             if !(low..=high).contains(&shown) && next != values {
                 truth.effects[number].1 = next;
                 changed = true;

@@ -158,7 +158,7 @@ pub(super) fn sized(
             if best.as_ref().is_none_or(|(least, _)| off < *least) {
                 best = Some((off, values.clone()));
             }
-            let next = effect.header().scaled(&values, (wanted / shown).clamp(0.1, 10.0));
+            let next = resized(truth, effect, &values, (wanted / shown).clamp(0.1, 10.0));
             if off < 0.12 || next == values {
                 break;
             }
@@ -169,6 +169,20 @@ pub(super) fn sized(
         }
     }
     best.map_or_else(|| shape(seed, case, number, 0, effect), |(_, values)| values)
+}
+
+/// The part of gravity's torque that acts in a plane called horizontal: it leans by 30 degrees at most.
+const LEANS: f64 = 0.5;
+
+/// An effect's values with its sizes times `factor`, as far as there can be such a rig: however little a tilt shows, it acts with a part of gravity.
+pub(super) fn resized(truth: &Truth, effect: &dyn Effect, values: &[f64], factor: f64) -> Vec<f64> {
+    let header = effect.header();
+    let next = header.scaled(values, factor);
+    if header.id != "tilt" {
+        return next;
+    }
+    let amplitude = next.iter().map(|v| v * v).sum::<f64>().sqrt();
+    header.scaled(&next, (LEANS * truth.parameters.load.G / amplitude).min(1.0))
 }
 
 #[cfg(test)]
@@ -196,5 +210,18 @@ mod tests {
         let absorbed = with("stribeck_friction", &[0.1, 3.0, 0.02]);
         let visible = with("stribeck_friction", &[0.1, 0.1, 0.02]);
         assert!(absorbed < 0.7 * visible, "{absorbed} {visible}");
+    }
+
+    #[test]
+    fn a_plane_called_horizontal_leans_by_a_part_of_gravity() {
+        let truth = Truth { parameters: draw(5, 0, 0).parameters, effects: Vec::new() };
+        let of = |id: &str, values: &[f64], factor: f64| {
+            resized(&truth, model::effects::find(id).expect("an effect of the library"), values, factor)
+        };
+        assert_eq!(of("tilt", &[0.1, 0.0], 2.0), [0.2, 0.0]);
+        let most = of("tilt", &[0.3, 0.4], 100.0);
+        assert!((most[0].hypot(most[1]) - 0.5 * truth.parameters.load.G).abs() < 1e-9, "{most:?}");
+        assert!((most[1] / most[0] - 4.0 / 3.0).abs() < 1e-9, "it leans the same way");
+        assert_eq!(of("angle_offset", &[0.01], 2.0), [0.02], "no other effect is a part of gravity");
     }
 }

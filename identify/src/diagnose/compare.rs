@@ -180,7 +180,8 @@ pub(super) fn nested_on(brief: &Problem, fit: &Fit) -> Result<Fit, SimulationErr
     crate::fit::fit(brief, &fit.layout, fit.point.clone(), effort)
 }
 
-/// Candidates that were not refitted, and whose directions hold nearly all of what the best one does: linearly they look like it.
+/// Candidates that were not brought to their minimum, and whose directions hold nearly all of what the best one does: linearly they look like it, so
+/// what they leave there must be known.
 pub(super) fn look_alikes(
     round: &Round,
     refits: &[Refit],
@@ -191,7 +192,8 @@ pub(super) fn look_alikes(
     let Some(&own) = round.of(id).first() else { return Vec::new() };
     open.iter()
         .copied()
-        .filter(|e| !refits.iter().any(|r| r.added.contains(&e.header().id)))
+        .filter(|e| e.header().id != id)
+        .filter(|e| !refits.iter().any(|r| r.added.contains(&e.header().id) && r.fit.converged))
         .filter(|e| {
             let all = round.every(e.header().id);
             let held = round.gram.share_held(own, &all);
@@ -200,6 +202,15 @@ pub(super) fn look_alikes(
         })
         .map(|e| vec![e])
         .collect()
+}
+
+/// Refits and further ones together, the lowest cost first; of the same names the cheapest alone.
+pub(super) fn joined(mut refits: Vec<Refit>, more: Vec<Refit>) -> Vec<Refit> {
+    refits.extend(more);
+    refits.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
+    let mut seen = std::collections::BTreeSet::new();
+    refits.retain(|r| seen.insert(r.added.clone()));
+    refits
 }
 
 /// The effect's sizes together are known to be other than zero, and none is pressed against a physical bound.
@@ -285,4 +296,27 @@ pub(super) fn where_they_differ(problem: &Problem, a: &Fit, b: &Fit) -> Result<S
         "another {protocol} run, several times as long or with larger amplitude: there the leading candidates differ most ({:.2} noise floors RMS)",
         (sum / n as f64).sqrt()
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::layout::Layout;
+
+    #[test]
+    fn of_the_same_names_the_cheapest_refit_stands() {
+        let layout = Layout::base(&model::Parameters::example());
+        let of = |added: &[&'static str], cost: f64| {
+            let point = Point { theta: Vec::new(), initial: Vec::new() };
+            Refit {
+                added: added.to_vec(),
+                fit: Fit { layout: layout.clone(), point, cost, converged: true },
+                led: None,
+            }
+        };
+        let first = vec![of(&["torque_cubic"], 10.0), of(&["tilt"], 15.0), of(&["tilt", "end_stop"], 16.0)];
+        let all = joined(first, vec![of(&["tilt"], 9.0)]);
+        let told: Vec<(&[&str], f64)> = all.iter().map(|r| (&r.added[..], r.fit.cost)).collect();
+        assert_eq!(told, [(&["tilt"][..], 9.0), (&["torque_cubic"][..], 10.0), (&["tilt", "end_stop"][..], 16.0)]);
+    }
 }

@@ -66,7 +66,7 @@ impl Search<'_> {
                         let cost = found.steps[n].fit.cost;
                         self.nameless(&mut found, first, true)?.filter(|step| {
                             let less = misfit::total(&self.left(&found, step)) < share * misfit::total(&left);
-                            less && (!apart || step.fit.cost < cost)
+                            less && (share <= 1.0 || step.fit.cost < cost)
                         })
                     }
                     None => None,
@@ -92,6 +92,7 @@ impl Search<'_> {
         };
         let (verdict, step, names) = match (nameless, chosen) {
             (Some(step), _) => {
+                let step = self.handed_on(&found, step)?;
                 let carried = step.fit.layout.effects.last().copied();
                 let name = |effect| Name { effect, probability: 1.0, equivalent: Vec::new(), next_experiment: None };
                 let names = carried.map(name).into_iter().collect();
@@ -219,9 +220,9 @@ enum Explains {
 const MOSTLY: f64 = 0.75;
 /// Two names that leave less than this (noise floors) are no imitation of something else.
 const IMITATED: f64 = 0.2;
-/// Two names whose form leaves more than this share of the whole (a tenth of its amplitude) leave less than terms without a name do.
+/// Two names of which this share of the whole or less is left (a tenth of its amplitude) may leave it for want of form.
 const FORM_OF_TWO: f64 = 0.01;
-/// Where they leave less than that, those must leave next to nothing of it: with terms for everything they always leave a little less. So must those that
+/// Terms that are preferred to these leave next to nothing of it: with terms for everything they always leave a little less. So must those that
 /// are preferred to one name that leaves a gross misfit, but no substantial part of the whole.
 const NEXT_TO_NOTHING: f64 = 0.2;
 /// Terms without a name, which are many, predict about as well as two names where they leave at most so many times as much.
@@ -234,16 +235,17 @@ const NAMELESS: f64 = 0.5;
 /// such comparison. `largest`: what they leave, noise floors; `of_whole`: as a share of what there was.
 ///
 /// A name whose form leaves a substantial part must do better, and at least as well where that is a gross misfit; one that leaves less of it, but
-/// certainly more than noise, not much worse. Two names that leave more than noise must in any case: many a foreign effect is imitated by two.
+/// certainly more than noise, not much worse.
 ///
-/// Two names `apart`, in different balances, are one thing imitated by two where terms of one balance fit the data better and leave about
-/// as much of what was left out.
+/// Two names that leave more than noise, and more than want of form would, are one thing imitated by two where terms of one balance fit the data better
+/// (which the caller must see to: the share is above 1) and leave about as much of what was left out: many a foreign effect is imitated by two. Two names `apart`, in
+/// different balances, are so whatever they leave that matters.
 fn enough(names: usize, apart: bool, largest: f64, of_whole: f64) -> Option<f64> {
     if apart {
         return (largest >= MATERIAL).then_some(ALIKE);
     }
     if names >= MOST_EFFECTS {
-        let share = if of_whole > FORM_OF_TWO { 1.0 } else { NEXT_TO_NOTHING };
+        let share = if of_whole > FORM_OF_TWO { ALIKE } else { NEXT_TO_NOTHING };
         return (largest >= IMITATED).then_some(share);
     }
     if of_whole >= SUBSTANTIAL {
@@ -312,11 +314,11 @@ mod tests {
         assert_eq!(enough(1, false, 2.0, 0.01), Some(NEXT_TO_NOTHING), "or the name of something else");
         assert_eq!(enough(1, false, 1.0, 0.1), Some(NAMELESS));
         assert_eq!(enough(1, false, 30.0, 0.1), Some(1.0), "a gross part of the whole is no matter of form");
+        assert_eq!(enough(1, false, 0.0, f64::NAN), None, "nothing was there");
         assert_eq!(enough(2, false, 0.1, 0.5), None, "noise");
         assert_eq!(enough(2, false, 0.3, 0.001), Some(NEXT_TO_NOTHING));
-        assert_eq!(enough(2, false, 2.0, 0.03), Some(1.0));
+        assert_eq!(enough(2, false, 2.0, 0.03), Some(ALIKE), "one thing may be imitated by two");
         assert_eq!(enough(2, true, 0.11, 0.02), Some(ALIKE), "one balance may do for both");
         assert_eq!(enough(2, true, 0.05, 0.001), None, "what they leave does not matter");
-        assert_eq!(enough(1, false, 0.0, f64::NAN), None, "nothing was there");
     }
 }

@@ -4,6 +4,8 @@
 //! fold is left out, and predicts that fold. No simulation is needed, and every fold is held out once. Runs with role
 //! validate are never used.
 
+use std::cell::OnceCell;
+
 use model::integrate::SimulationError;
 use nalgebra::{DMatrix, DVector};
 
@@ -13,6 +15,9 @@ use crate::problem::Problem;
 
 /// Folds. Leaving a quarter out hardly weakens what determines a parameter.
 const FOLDS: usize = 4;
+/// Of what all data say of a direction the other folds must say more than this share, or it counts as known there: where they say nothing (of a stop
+/// that only one fold comes to), a fit to them says nothing of it either, and not that the fold is badly predicted.
+const KNOWN: f64 = 0.01;
 /// A run speaks of an effect's size where it holds at least this share of what the effect does.
 const VOICE: f64 = 0.05;
 /// Sizes that runs ask for may differ from the common one by this share: a name is the claim, and another form of the same
@@ -31,6 +36,8 @@ pub(super) struct HoldOut {
     /// Entries that may move.
     free: Vec<usize>,
     first_effect: usize,
+    /// Normal matrix and gradient of each fold, once they are asked for.
+    by_fold: OnceCell<Vec<(DMatrix<f64>, DVector<f64>)>>,
 }
 
 impl HoldOut {
@@ -64,6 +71,7 @@ impl HoldOut {
             runs,
             free,
             first_effect: fit.layout.base.len(),
+            by_fold: OnceCell::new(),
         })
     }
 
@@ -90,16 +98,23 @@ impl HoldOut {
 
     /// Residuals of each fold under the fit to the other folds.
     pub fn residuals(&self) -> Vec<Vec<f64>> {
-        let parts: Vec<_> = (0..FOLDS).map(|f| self.normal(|s, t| self.folds[s][t] == f)).collect();
+        self.pulled(&[], 0.0)
+    }
+
+    /// The same where these entries (with their values) are pulled towards nothing ([`HoldOut::step`]).
+    pub fn pulled(&self, entries: &[(usize, f64)], share: f64) -> Vec<Vec<f64>> {
+        let of_fold = |f| self.normal(|s, t| self.folds[s][t] == f);
+        let parts = self.by_fold.get_or_init(|| (0..FOLDS).map(of_fold).collect());
         let mut out = self.residual.clone();
+        let n = self.free.len();
+        let all = parts.iter().fold(DMatrix::zeros(n, n), |sum, (h, _)| sum + h);
         for f in 0..FOLDS {
-            let n = self.free.len();
-            let (mut h, mut g) = (DMatrix::zeros(n, n), DVector::zeros(n));
+            let (mut h, mut g) = (&all * KNOWN, DVector::zeros(n));
             for (_, (own_h, own_g)) in parts.iter().enumerate().filter(|(o, _)| *o != f) {
                 h += own_h;
                 g += own_g;
             }
-            let step = damped_inverse(&h) * g;
+            let step = self.step(h, g, entries, share);
             for ((rows, out), folds) in self.rows.iter().zip(&mut out).zip(&self.folds) {
                 for ((row, r), _) in rows.chunks(self.columns).zip(out).zip(folds).filter(|(_, own)| **own == f) {
                     *r -= self.free.iter().zip(step.iter()).map(|(&i, d)| row[i] * d).sum::<f64>();
@@ -107,6 +122,30 @@ impl HoldOut {
             }
         }
         out
+    }
+
+    /// By how much each entry of the vector moves where these are pulled towards nothing and all data count.
+    pub fn moved(&self, entries: &[(usize, f64)], share: f64) -> Vec<f64> {
+        let (h, g) = self.normal(|_, _| true);
+        let step = self.step(h, g, entries, share);
+        let mut out = vec![0.0; self.columns];
+        for (&i, d) in self.free.iter().zip(step.iter()) {
+            out[i] = *d;
+        }
+        out
+    }
+
+    /// The step of the free entries that data with this normal matrix and gradient ask for, where moving these entries (with their values) away from
+    /// nothing costs `share` of the sum of squares of what each does alone: of terms that are nearly alike large ones that cancel are dear.
+    fn step(&self, mut h: DMatrix<f64>, mut g: DVector<f64>, entries: &[(usize, f64)], share: f64) -> DVector<f64> {
+        for (i, value) in entries {
+            if let Some(k) = self.free.iter().position(|free| free == i) {
+                let cost = share * h[(k, k)];
+                h[(k, k)] += cost;
+                g[k] -= cost * value;
+            }
+        }
+        damped_inverse(&h) * g
     }
 
     /// Share of what an effect does that sits in runs which ask for another size of it: beyond [`ALIKE`] and certainly so.
@@ -218,6 +257,7 @@ mod tests {
             runs: (0..sizes.len()).collect(),
             free: vec![0, 1],
             first_effect: 1,
+            by_fold: OnceCell::new(),
         };
         let (h, g) = out.normal(|_, _| true);
         let theta = damped_inverse(&h) * g;
@@ -234,14 +274,28 @@ mod tests {
         let (h, _) = linear(&[0.5, 0.5], 1.0);
         let held = h.residuals();
         let keep = |s: usize, t: usize| h.folds[s][t] != 2;
-        let (a, b) = h.normal(keep);
-        let step = a.try_inverse().unwrap() * b;
+        let ((a, b), (all, _)) = (h.normal(keep), h.normal(|_, _| true));
+        let step = (a + all * KNOWN).try_inverse().unwrap() * b;
         let t = h.folds[1].iter().position(|f| *f == 2).unwrap();
         let row = &h.rows[1][2 * t..2 * t + 2];
         let expected = h.residual[1][t] - row[0] * step[0] - row[1] * step[1];
         assert!((held[1][t] - expected).abs() < 1e-9);
         let square = |v: &[Vec<f64>]| v.iter().flatten().map(|r| r * r).sum::<f64>();
         assert!(square(&held) > square(&h.residual), "what is held out is predicted worse");
+    }
+
+    /// A parameter acts in the last fold alone, all but a trace.
+    #[test]
+    fn what_one_fold_alone_tells_is_known_there() {
+        let left = |trace: f64| {
+            let (mut h, _) = linear(&[0.0], 0.1);
+            let quarter = h.residual[0].len() * 3 / FOLDS;
+            for (t, row) in h.rows[0].chunks_mut(2).enumerate() {
+                row[1] *= if t < quarter { trace } else { 1.0 };
+            }
+            h.residuals().iter().flatten().map(|r| r * r).sum::<f64>()
+        };
+        assert!(left(1e-5) < 1.2 * left(1.0), "{} {}", left(1e-5), left(1.0));
     }
 
     #[test]
@@ -254,5 +308,44 @@ mod tests {
         assert_eq!(apart(&[0.4, 0.5, 0.6], 0.3), 0.0, "another form");
         assert!(apart(&[1.5, -0.3, 0.3], 0.3) > 0.6, "another sign");
         assert!(apart(&[0.05, 0.05, 0.05], 3.0) < 0.4, "noise is no disagreement");
+    }
+
+    /// Two terms that differ by little in what was seen and by much in the last quarter, of which the data ask for the first.
+    #[test]
+    fn terms_that_are_alike_predict_better_when_they_are_pulled_towards_nothing() {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let mut draw = || -> f64 { StandardNormal.sample(&mut rng) };
+        let count = 80;
+        let mut rows = Vec::new();
+        let mut measured = Vec::new();
+        for t in 0..count {
+            let x = draw();
+            let apart = if t < 3 * count / 4 { 0.15 } else { 1.0 };
+            rows.extend([x, x + apart * draw()]);
+            measured.push(0.5 * x + draw());
+        }
+        let mut hold_out = HoldOut {
+            rows: vec![rows],
+            residual: vec![measured],
+            columns: 2,
+            folds: vec![(0..count).map(|t| t * FOLDS / count).collect()],
+            runs: vec![0],
+            free: vec![0, 1],
+            first_effect: 0,
+            by_fold: OnceCell::new(),
+        };
+        let (h, g) = hold_out.normal(|_, _| true);
+        let theta = damped_inverse(&h) * g;
+        for (row, r) in hold_out.rows[0].chunks(2).zip(&mut hold_out.residual[0]) {
+            *r -= row[0] * theta[0] + row[1] * theta[1];
+        }
+        let entries = [(0, theta[0]), (1, theta[1])];
+        let square = |v: &[Vec<f64>]| v.iter().flatten().map(|r| r * r).sum::<f64>();
+        assert_eq!(hold_out.pulled(&entries, 0.0), hold_out.residuals());
+        assert!(hold_out.moved(&entries, 0.0).iter().all(|d| d.abs() < 1e-9), "it is the fit");
+        let (plain, pulled) = (square(&hold_out.residuals()), square(&hold_out.pulled(&entries, 0.03)));
+        assert!(pulled < 0.97 * plain, "{pulled} {plain}");
+        let moved = hold_out.moved(&entries, 1e9);
+        assert!(entries.iter().all(|(i, value)| (value + moved[*i]).abs() < 1e-6), "pulled to nothing");
     }
 }

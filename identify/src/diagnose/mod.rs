@@ -96,6 +96,15 @@ pub struct Diagnosis {
     pub next_experiment: Option<String>,
 }
 
+impl Diagnosis {
+    /// The terms without a name are of no size: they predict what was left out of their fit worse than nothing does, and say only in which balance
+    /// something is missing.
+    pub fn says_only_where(&self) -> bool {
+        let none = |a: &Added| a.effect.header().parameters.iter().zip(&a.values).all(|(p, v)| !p.size || *v == 0.0);
+        self.verdict == Verdict::Unrecognised && !self.effects.is_empty() && self.effects.iter().all(none)
+    }
+}
+
 /// Level of each of the two score tests: over the whole library, and over the nameless terms of all balances.
 const LEVEL: f64 = 0.005;
 /// Structured residual (noise floors) that is certainly more than the sensors' own.

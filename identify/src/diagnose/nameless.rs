@@ -14,6 +14,7 @@ use super::{LEVEL, PREFERRED};
 use crate::colour::Colour;
 use crate::fit::{Effort, Fit, fit};
 use crate::misfit;
+use crate::problem::Problem;
 use crate::refit::advantage;
 
 impl Search<'_> {
@@ -54,20 +55,52 @@ impl Search<'_> {
         let (held, better) = advantage(&reference.held_out, &step.held_out, &self.clusters, self.count);
         tracing::info!(term = ?step.fit.layout.effects, share, held, better, "nameless term");
         let convincing = held > 0.0 && better > PREFERRED && share > 0.0;
-        if certain && share <= 0.0 {
-            return Ok(Some(self.of_no_size(step)?));
-        }
         Ok((certain || convincing).then_some(step))
     }
 
-    /// The reference model with the same terms of no size: they say in which balance something is missing, but a model that predicts worse with them than
-    /// without must not be handed on.
-    fn of_no_size(&self, step: Step) -> Result<Step, SimulationError> {
-        let Some(term) = step.fit.layout.effects.last().copied() else { return Ok(step) };
+    /// Terms as they are handed on: pulled towards nothing as hard as lets them predict best. Where the model predicts worse with them than without even
+    /// so, it is the reference model with the same terms of no size: they say in which balance something is missing.
+    pub fn handed_on(&self, found: &Found, step: Step) -> Result<Step, SimulationError> {
+        let before = self.left(found, &found.steps[0]);
+        let step = match self.pulled_back(found, &step)? {
+            Some(pulled) => pulled,
+            None => step,
+        };
+        let carried = step.fit.layout.effects.last().copied();
+        let Some(term) = carried.filter(|_| explained_share(&before, &self.left(found, &step)) <= 0.0) else {
+            return Ok(step);
+        };
         let mut point = self.reference.point.clone();
         point.theta.extend(term.header().scaled(&step.fit.point.theta[point.theta.len()..], 0.0));
-        let as_it_is = Effort { iterations: 0, ..Effort::default() };
-        self.step(fit(self.problem, &step.fit.layout, point, as_it_is)?, Vec::new())
+        self.step(fit(self.problem, &step.fit.layout, point, AS_IT_IS)?, Vec::new())
+    }
+
+    /// Terms that predict best where they are pulled; `None` where they do as they are, or where the linearised pull does not lead to what it promises.
+    fn pulled_back(&self, found: &Found, step: &Step) -> Result<Option<Step>, SimulationError> {
+        let hold_out = HoldOut::of(self.problem, &step.fit, &self.clusters)?;
+        let best = Pulled::best(self.problem, &step.fit, &hold_out, &found.colours);
+        if best.share == 0.0 {
+            return Ok(None);
+        }
+        let mut point = step.fit.point.clone();
+        for (value, d) in point.theta.iter_mut().zip(hold_out.moved(&terms(&step.fit), best.share)) {
+            *value += d;
+        }
+        let mut held = step.fit.layout.clone();
+        held.held.extend(terms(&step.fit).iter().map(|(entry, _)| *entry));
+        let Ok(based) = fit(self.problem, &held, point, TO_THE_TERMS) else { return Ok(None) };
+        let pulled = Fit { layout: step.fit.layout.clone(), ..based };
+        let held_out = HoldOut::of(self.problem, &pulled, &self.clusters)?.pulled(&terms(&pulled), best.share);
+        let residual = self.problem.residuals(&pulled.layout, &pulled.point)?;
+        let pulled = Step { fit: pulled, residual, held_out, ..step.clone() };
+        let leaves = |step: &Step| misfit::total(&self.left(found, step));
+        tracing::info!(
+            share = best.share,
+            before = leaves(step),
+            after = leaves(&pulled),
+            "nameless terms pulled back"
+        );
+        Ok((leaves(&pulled) < leaves(step)).then_some(pulled))
     }
 
     /// Terms without a name, or those of the balance in which the names that were refused lie, all in one, where these fit the data and predict what was
@@ -105,6 +138,43 @@ struct Told {
     left: f64,
     /// Of the data they were fitted to.
     fitted: f64,
+}
+
+/// A point as it is.
+const AS_IT_IS: Effort = Effort { iterations: 0, tolerance: 0.0, promise: f64::INFINITY, creep: 0.0, ahead: false };
+/// The base parameters follow terms that were pulled.
+const TO_THE_TERMS: Effort =
+    Effort { iterations: 8, tolerance: 1e-5, promise: f64::INFINITY, creep: 0.0, ahead: false };
+
+/// Shares of what each term does that it costs to be pulled by, weakest first.
+const PULLS: [f64; 7] = [0.0, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1];
+
+/// How hard terms are pulled towards nothing to predict best what is left out. They are many, and nearly alike where the data are: unpulled, the small
+/// differences between them go far astray beyond that.
+struct Pulled {
+    share: f64,
+    /// What they then leave of data left out.
+    left: f64,
+}
+
+impl Pulled {
+    fn best(problem: &Problem, fit: &Fit, hold_out: &HoldOut, colours: &[Colour]) -> Self {
+        let entries = terms(fit);
+        let each = PULLS.into_iter().map(|share| {
+            let residual = hold_out.pulled(&entries, share);
+            Pulled { share, left: misfit::unweighted(&misfit::parts(problem, &residual, colours)) }
+        });
+        let first = Pulled { share: 0.0, left: f64::INFINITY };
+        each.fold(first, |best, next| if next.left < best.left { next } else { best })
+    }
+}
+
+/// Entries of the last effect's sizes with their values.
+fn terms(fit: &Fit) -> Vec<(usize, f64)> {
+    let Some(last) = fit.layout.effects.len().checked_sub(1) else { return Vec::new() };
+    let first = fit.layout.first_of(last);
+    let own = fit.layout.effects[last].header().parameters.iter().enumerate().filter(|(_, p)| p.size);
+    own.map(|(i, _)| (first + i, fit.point.theta[first + i])).collect()
 }
 
 /// Terms that leave more than this of data left out do not predict them.
@@ -145,11 +215,12 @@ fn empirical(
     let (clusters, _) = crate::score::clusters(&search.brief);
     let (mut told, mut fits) = (Vec::new(), Vec::new());
     for refit in refit_all(&search.brief, &bases, round, &sets, None, search.progress) {
-        let held_out = HoldOut::of(&search.brief, &refit.fit, &clusters)?.residuals();
+        let hold_out = HoldOut::of(&search.brief, &refit.fit, &clusters)?;
+        let pulled = Pulled::best(&search.brief, &refit.fit, &hold_out, colours);
         let fitted = search.brief.residuals(&refit.fit.layout, &refit.fit.point)?;
-        let leaves = |residual: &[Vec<f64>]| misfit::unweighted(&misfit::parts(&search.brief, residual, colours));
-        let of = Told { left: leaves(&held_out), fitted: leaves(&fitted) };
-        tracing::info!(term = ?refit.added, cost = refit.fit.cost, of.left, of.fitted, "nameless terms on data left out");
+        let fitted = misfit::unweighted(&misfit::parts(&search.brief, &fitted, colours));
+        let of = Told { left: pulled.left, fitted };
+        tracing::info!(term = ?refit.added, cost = refit.fit.cost, pulled.share, of.left, of.fitted, "nameless terms on data left out");
         told.push(of);
         fits.push(refit.fit);
     }

@@ -7,7 +7,7 @@
 use model::integrate::SimulationError;
 
 use super::PREFERRED;
-use super::compare::{look_alikes, rank, refit_all, rivals, to_the_end, where_they_differ};
+use super::compare::{joined, look_alikes, rank, refit_all, rivals, to_the_end, where_they_differ};
 use super::round::Round;
 use super::search::{Found, Name, Search, Step, is_gross};
 use crate::fit::{Effort, Fit};
@@ -55,8 +55,8 @@ impl Search<'_> {
         refits.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
         let alike = look_alikes(&round, &refits, &open);
         if !alike.is_empty() {
-            refits.extend(refit_all(&self.brief, &bases, &round, &alike, Some(&brief), self.progress));
-            refits.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
+            let more = refit_all(&self.brief, &bases, &round, &alike, Some(&brief), self.progress);
+            refits = joined(refits, more);
         }
         let others = rivals(&self.brief, &refits, alone.cost)?;
         let best = &refits[0];

@@ -7,7 +7,8 @@ use model::effects::empirical::EMPIRICAL;
 use model::integrate::SimulationError;
 
 use super::compare::{
-    guided, is_sound, look_alikes, nested_on, on_the_whole, rank, refit_all, rivals, to_the_end, where_they_differ,
+    guided, is_sound, joined, look_alikes, nested_on, on_the_whole, rank, refit_all, rivals, to_the_end,
+    where_they_differ,
 };
 use super::holdout::HoldOut;
 use super::round::Round;
@@ -309,8 +310,7 @@ impl<'a> Search<'a> {
         // what looks like the best one must be refitted too before that is named
         let alike = look_alikes(round, &refits, &open);
         if !alike.is_empty() {
-            refits.extend(refit_all(&self.brief, &bases, round, &alike, None, self.progress));
-            refits.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
+            refits = joined(refits, refit_all(&self.brief, &bases, round, &alike, None, self.progress));
         }
         let Some(best) = refits.first() else { return Ok(None) };
         let ranked = rank(&self.brief, &refits)?;

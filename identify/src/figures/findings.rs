@@ -61,10 +61,16 @@ pub fn verdict(d: &Diagnosis) -> String {
         }
         Verdict::Unrecognised => {
             let balance = d.effects.first().map_or("", |a| a.effect.header().balance.as_str());
+            let terms = if d.says_only_where() {
+                "predict what was left out of their fit worse than the model without them does: they say where it sits, and are of \
+                 no size in the model"
+                    .into()
+            } else {
+                format!("take up {:.0} % of it", 100.0 * d.explained)
+            };
             format!(
                 "There is a structured residual that no known effect explains; it sits in the {balance} balance. Terms without a \
-                 name there take up {:.0} % of it.",
-                100.0 * d.explained
+                 name there {terms}."
             )
         }
     }

@@ -41,7 +41,13 @@ pub fn headline(a: &PlantAnalysis) -> Vec<String> {
             ));
         }
     }
-    if a.diagnosis.verdict != Verdict::None {
+    if a.diagnosis.says_only_where() {
+        out.push(
+            "Terms without a name predict what was left out of their fit worse than the model without them does: they say in which \
+             balance it is, and are of no size in the model."
+                .into(),
+        );
+    } else if a.diagnosis.verdict != Verdict::None {
         out.push(format!(
             "Share of the structured residual that is explained: {:.1} %.",
             100.0 * a.diagnosis.explained

@@ -5,7 +5,7 @@ use crate::effects::{Balance, Header, Law, Parameter};
 use crate::port::{Port, PortKind, Rest};
 use crate::scalar::Scalar;
 
-static SENSOR: [Parameter; 19] = [
+static SENSOR: [Parameter; 25] = [
     term("angle_zero", "deg", 0.05),
     term("angle_gain", "1", 0.002),
     term("pressure1_zero", "bar", 0.02),
@@ -25,8 +25,17 @@ static SENSOR: [Parameter; 19] = [
     term("pressure2_square", "1/bar", 0.005),
     term("angle4", "deg", 0.05),
     term("angle5", "deg", 0.05),
+    term("pressure1_cubic", "bar", 0.02),
+    term("pressure2_cubic", "bar", 0.02),
+    term("pressure1_4", "bar", 0.02),
+    term("pressure2_4", "bar", 0.02),
+    term("pressure1_5", "bar", 0.02),
+    term("pressure2_5", "bar", 0.02),
 ];
-static SENSOR_STARTS: [[f64; 19]; 19] = typical(&SENSOR);
+static SENSOR_STARTS: [[f64; 25]; 25] = typical(&SENSOR);
+
+/// Where a pressure sensor's curve is expanded.
+const MIDDLE_BAR: f64 = 2.5;
 
 /// What the sensors show.
 pub struct EmpiricalSensor;
@@ -37,7 +46,7 @@ impl Law for EmpiricalSensor {
         balance: Balance::Sensor,
         ports: &[PortKind::Sensor],
         summary: "zero, gain, bend, drift and lag of the sensors",
-        equation: "shown += sum of c_i * term_i; angle in units of 40 deg, pressure about 2.5 bar where it is bent",
+        equation: "shown += sum of c_i * term_i; angle in units of 40 deg, pressure about 2.5 bar where it is bent, from its cube on in units of 2.5 bar",
         validity: VALIDITY,
         measure: MEASURE,
         literature: "",
@@ -54,11 +63,13 @@ impl Law for EmpiricalSensor {
                 // a transducer forgets within milliseconds, a long hose or a wall between them within a second
                 dx[i] = (p - x[i]) / 0.02;
                 dx[2 + i] = (p - x[2 + i]) / 0.5;
-                let from_middle = p - 2.5;
+                let from_middle = p - MIDDLE_BAR;
+                let a = from_middle / MIDDLE_BAR;
                 s.pressure_bar[i] = p
                     + k[2 + i]
                     + k[4 + i] * from_middle
                     + k[15 + i] * from_middle * from_middle
+                    + (k[19 + i] + (k[21 + i] + k[23 + i] * a) * a) * a * a * a
                     + k[6 + i] * grown(s.time_s)
                     + k[8 + i] * (x[i] - p)
                     + k[10 + i] * (x[2 + i] - p);
@@ -135,18 +146,29 @@ mod tests {
     }
 
     #[test]
-    fn an_angle_sensor_s_curve_is_of_each_power_alone() {
-        let error_deg = |term: &str, angle_deg: f64| {
+    fn a_sensor_s_curve_is_of_each_power_alone() {
+        let error = |term: &str, angle_deg: f64, pressure_bar: [f64; 2]| {
             let k = alone::<EmpiricalSensor>(term, 0.3);
-            let mut port = SensorPort { time_s: 1.0, angle_deg, pressure_bar: [2.5; 2] };
-            let still = [2.5, 2.5, 2.5, 2.5, angle_deg];
+            let mut port = SensorPort { time_s: 1.0, angle_deg, pressure_bar };
+            let still = [pressure_bar[0], pressure_bar[1], pressure_bar[0], pressure_bar[1], angle_deg];
             EmpiricalSensor.act(&k, &still, &mut [0.0; 5], &mut Port::Sensor(&mut port));
-            port.angle_deg - angle_deg
+            [port.angle_deg - angle_deg, port.pressure_bar[0] - pressure_bar[0], port.pressure_bar[1] - pressure_bar[1]]
         };
-        for (term, power) in [("angle_square", 2), ("angle_cubic", 3), ("angle4", 4), ("angle5", 5)] {
-            for share in [-1.0f64, -0.5, 0.0, 1.0] {
-                let expected = 0.3 * share.powi(power);
-                assert!((error_deg(term, 40.0 * share) - expected).abs() < 1e-12, "{term} at {share} of 40 deg");
+        for share in [-1.0f64, -0.5, 0.0, 1.0] {
+            let is = |term: &str, channel: usize, of: f64, seen: [f64; 3]| {
+                let off = (0..3).map(|n| seen[n] - if n == channel { of } else { 0.0 });
+                assert!(off.into_iter().all(|d| d.abs() < 1e-12), "{term} at {share}: {seen:?}");
+            };
+            for (term, power) in [("angle_square", 2), ("angle_cubic", 3), ("angle4", 4), ("angle5", 5)] {
+                is(term, 0, 0.3 * share.powi(power), error(term, 40.0 * share, [2.5; 2]));
+            }
+            for (end, power) in [("cubic", 3), ("4", 4), ("5", 5)] {
+                for sensor in 0..2 {
+                    let term = format!("pressure{}_{end}", sensor + 1);
+                    let mut pressure_bar = [2.5; 2];
+                    pressure_bar[sensor] += 2.5 * share;
+                    is(&term, 1 + sensor, 0.3 * share.powi(power), error(&term, 10.0, pressure_bar));
+                }
             }
         }
     }
