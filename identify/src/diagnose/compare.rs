@@ -18,9 +18,10 @@ use crate::{forms, shapes};
 const ALIKE: f64 = 0.9;
 /// Share of the cost: with less a step the 25 steps of the last heat come to no other verdict on a misfit that is gross after them too.
 const CREEP: f64 = 0.005;
-/// A fit that is brought to its minimum. A gross effect needs many linearisations.
+/// A fit that is brought to its minimum. A gross effect needs many linearisations, and a stiff one (a stop) has places that can be simulated and not
+/// linearised, which must not be stepped to.
 pub(super) fn to_the_end() -> Effort {
-    Effort { iterations: 40, tolerance: 1e-6, creep: CREEP, ..Effort::default() }
+    Effort { iterations: 40, tolerance: 1e-6, creep: CREEP, ahead: true, ..Effort::default() }
 }
 /// A rival explains at least this share of what the best candidate does,
 const RIVAL: f64 = 0.95;
@@ -153,15 +154,17 @@ pub(super) fn on_the_whole(
     let mut from_component = from_current.clone();
     from_component.theta[..component.len()].copy_from_slice(component);
     from_component.initial.iter_mut().for_each(|values| values.fill(0.0));
-    let few = Effort { iterations: 3, tolerance: 1e-6, ..Effort::default() };
-    let led = crate::fit::fit(problem, &brief.layout, brief.point.clone(), few).ok()?;
-    let mut tried = vec![led];
-    if tried[0].cost > current.cost {
+    let few = Effort { iterations: 3, tolerance: 1e-6, ahead: true, ..Effort::default() };
+    let led = crate::fit::fit(problem, &brief.layout, brief.point.clone(), few);
+    if let Err(error) = &led {
+        tracing::debug!(%error, "a brief fit can't be simulated on the whole runs");
+    }
+    let mut tried: Vec<Fit> = led.into_iter().collect();
+    if tried.first().is_none_or(|fit| fit.cost > current.cost) {
         let more = [from_current, from_component];
         tried.extend(more.into_iter().filter_map(|p| crate::fit::fit(problem, &brief.layout, p, few).ok()));
-        tried.sort_by(|a, b| a.cost.total_cmp(&b.cost));
     }
-    let lead = tried.swap_remove(0);
+    let lead = tried.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost))?;
     let fit = crate::fit::fit(problem, &lead.layout, lead.point, to_the_end).ok()?;
     tracing::debug!(cost = fit.cost, converged = fit.converged, current = current.cost, "on the whole runs");
     (fit.cost < current.cost).then_some(fit)

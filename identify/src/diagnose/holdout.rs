@@ -344,7 +344,7 @@ mod tests {
         assert_eq!(hold_out.pulled(&entries, 0.0), hold_out.residuals());
         assert!(hold_out.moved(&entries, 0.0).iter().all(|d| d.abs() < 1e-9), "it is the fit");
         let (plain, pulled) = (square(&hold_out.residuals()), square(&hold_out.pulled(&entries, 0.03)));
-        assert!(pulled < 0.97 * plain, "{pulled} {plain}");
+        assert!(pulled < 0.99 * plain, "{pulled} {plain}");
         let moved = hold_out.moved(&entries, 1e9);
         assert!(entries.iter().all(|(i, value)| (value + moved[*i]).abs() < 1e-6), "pulled to nothing");
     }

@@ -5,7 +5,7 @@ use crate::effects::{Balance, Header, Law, Parameter};
 use crate::port::{AMBIENT_BAR, Port, PortKind, Rest};
 use crate::scalar::Scalar;
 
-static FLOW: [Parameter; 18] = [
+static FLOW: [Parameter; 19] = [
     term("leak_both", "ml/(s bar)", 0.002),
     term("leak_difference", "ml/(s bar)", 0.002),
     term("leak_square", "ml/(s bar^2)", 0.001),
@@ -24,8 +24,9 @@ static FLOW: [Parameter; 18] = [
     term("leak_over2", "ml/(s bar)", 0.005),
     term("leak_over3", "ml/(s bar)", 0.005),
     term("leak_over4", "ml/(s bar)", 0.005),
+    term("past_pressure_slow", "ml/(s bar)", 0.02),
 ];
-static FLOW_STARTS: [[f64; 18]; 18] = typical(&FLOW);
+static FLOW_STARTS: [[f64; 19]; 19] = typical(&FLOW);
 
 /// Pressures from which on a leak may grow faster: a valve that weeps, a joint that gapes.
 const OPENS_BAR: [f64; 3] = [2.0, 3.0, 4.0];
@@ -44,7 +45,7 @@ impl Law for EmpiricalFlow {
         measure: MEASURE,
         literature: "",
         parameters: &FLOW,
-        states: 2,
+        states: 4,
         starts: &each_alone(&FLOW_STARTS),
         passive: false,
     };
@@ -61,9 +62,11 @@ impl Law for EmpiricalFlow {
             for (i, side) in [(0, 1.0), (1, -1.0)] {
                 let p = h.pressure_bar[i];
                 let gauge = p - AMBIENT_BAR;
-                // half a second's memory of the pressure
+                // half a second's memory of the pressure, as of a joint that gives; four seconds', as of a wall
                 dx[i] = (p - x[i]) / 0.5;
-                h.flow_ml_s[i] -= gauge * (k[0] + k[1] * side + k[2] * gauge.abs()) + k[13] * (p - x[i]);
+                dx[2 + i] = (p - x[2 + i]) / 4.0;
+                h.flow_ml_s[i] -= gauge * (k[0] + k[1] * side + k[2] * gauge.abs());
+                h.flow_ml_s[i] -= k[13] * (p - x[i]) + k[18] * (p - x[2 + i]);
                 for (over, n) in OPENS_BAR.into_iter().zip(15..) {
                     h.flow_ml_s[i] -= k[n] * (p - over).at_least(0.0);
                 }
@@ -74,7 +77,9 @@ impl Law for EmpiricalFlow {
     }
 
     fn rest<S: Scalar>(&self, _k: &[S], rest: &Rest<S>, x: &mut [S]) {
-        x.copy_from_slice(&rest.pressure_bar);
+        for i in 0..2 {
+            (x[i], x[2 + i]) = (rest.pressure_bar[i], rest.pressure_bar[i]);
+        }
     }
 }
 
@@ -88,7 +93,8 @@ mod tests {
     fn acts(term: &str, pressure_bar: [f64; 2]) -> ([f64; 2], [f64; 2]) {
         let k = alone::<EmpiricalFlow>(term, 0.3);
         let mut port = HydraulicPort::at(1.0, pressure_bar);
-        EmpiricalFlow.act(&k, &pressure_bar, &mut [0.0; 2], &mut Port::Hydraulic(&mut port));
+        let still = [pressure_bar, pressure_bar].concat();
+        EmpiricalFlow.act(&k, &still, &mut [0.0; 4], &mut Port::Hydraulic(&mut port));
         (port.flow_ml_s, port.capacity_ml_bar)
     }
 
@@ -115,7 +121,8 @@ mod tests {
         let k = alone::<EmpiricalFlow>("transfer_root", 0.3);
         let flow = |pressure_bar: [f64; 2], shut_off: bool| {
             let mut port = HydraulicPort { shut_off, ..HydraulicPort::at(1.0, pressure_bar) };
-            EmpiricalFlow.act(&k, &pressure_bar, &mut [0.0; 2], &mut Port::Hydraulic(&mut port));
+            let still = [pressure_bar, pressure_bar].concat();
+            EmpiricalFlow.act(&k, &still, &mut [0.0; 4], &mut Port::Hydraulic(&mut port));
             port.flow_ml_s
         };
         let [one, other] = flow([6.0, 2.0], false);
@@ -123,5 +130,22 @@ mod tests {
         assert_eq!(flow([2.0, 6.0], false), [other, one], "the chambers are alike");
         assert_eq!(flow([3.0, 3.0], false), [0.0, 0.0]);
         assert_eq!(flow([6.0, 2.0], true), [0.0, 0.0]);
+    }
+
+    #[test]
+    fn a_chamber_s_past_shows_after_a_change_alone_fast_or_slow() {
+        for (term, state, per_second) in [("past_pressure", 0, 2.0), ("past_pressure_slow", 2, 0.25)] {
+            let k = alone::<EmpiricalFlow>(term, 0.3);
+            let flow = |pressure_bar: [f64; 2]| {
+                let mut port = HydraulicPort::at(1.0, pressure_bar);
+                let mut dx = [0.0; 4];
+                EmpiricalFlow.act(&k, &[2.0, 3.0, 2.0, 3.0], &mut dx, &mut Port::Hydraulic(&mut port));
+                (port.flow_ml_s, dx[state])
+            };
+            assert_eq!(flow([2.0, 3.0]), ([0.0, 0.0], 0.0), "{term} at rest");
+            let (out, rate) = flow([3.0, 3.0]);
+            assert!((out[0] + 0.3).abs() < 1e-12 && out[1] == 0.0, "{term}: {out:?}");
+            assert!((rate - per_second).abs() < 1e-12, "{term} forgets: {rate}");
+        }
     }
 }
