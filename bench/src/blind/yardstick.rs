@@ -177,12 +177,9 @@ const LEANS: f64 = 0.5;
 /// An effect's values with its sizes times `factor`, as far as there can be such a rig: however little a tilt shows, it acts with a part of gravity.
 pub(super) fn resized(truth: &Truth, effect: &dyn Effect, values: &[f64], factor: f64) -> Vec<f64> {
     let header = effect.header();
-    let next = header.scaled(values, factor);
-    if header.id != "tilt" {
-        return next;
-    }
-    let amplitude = next.iter().map(|v| v * v).sum::<f64>().sqrt();
-    header.scaled(&next, (LEANS * truth.parameters.load.G / amplitude).min(1.0))
+    let amplitude = values.iter().map(|v| v * v).sum::<f64>().sqrt();
+    let most = if header.id == "tilt" { LEANS * truth.parameters.load.G / amplitude } else { f64::INFINITY };
+    header.scaled(values, factor.min(most))
 }
 
 #[cfg(test)]
