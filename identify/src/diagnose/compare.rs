@@ -196,7 +196,10 @@ pub(super) fn look_alikes(
     open.iter()
         .copied()
         .filter(|e| e.header().id != id)
-        .filter(|e| !refits.iter().any(|r| r.added.contains(&e.header().id) && r.fit.converged))
+        // beside one that creeps far from the noise nothing can be told apart, however far it is fitted
+        .filter(|e| {
+            !refits.iter().any(|r| r.added.contains(&e.header().id) && (r.fit.converged || !best.fit.converged))
+        })
         .filter(|e| {
             let all = round.every(e.header().id);
             let held = round.gram.share_held(own, &all);
