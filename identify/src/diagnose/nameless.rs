@@ -90,7 +90,9 @@ impl Search<'_> {
         held.held.extend(terms(&step.fit).iter().map(|(entry, _)| *entry));
         let Ok(based) = fit(self.problem, &held, point, TO_THE_TERMS) else { return Ok(None) };
         let pulled = Fit { layout: step.fit.layout.clone(), ..based };
-        let held_out = HoldOut::of(self.problem, &pulled, &self.clusters)?.pulled(&terms(&pulled), best.share);
+        // a place that can be simulated and not linearised is none to go on from
+        let Ok(there) = HoldOut::of(self.problem, &pulled, &self.clusters) else { return Ok(None) };
+        let held_out = there.pulled(&terms(&pulled), best.share);
         let residual = self.problem.residuals(&pulled.layout, &pulled.point)?;
         let pulled = Step { fit: pulled, residual, held_out, ..step.clone() };
         let leaves = |step: &Step| misfit::total(&self.left(found, step));
