@@ -28,6 +28,7 @@ mod signal;
 mod spread;
 mod table;
 mod target;
+mod timeout;
 mod values;
 
 pub use ask::{Hands, Request};
@@ -37,5 +38,6 @@ pub use envelope::{Envelope, EnvelopeError};
 pub use error::ScriptError;
 pub use needs::Need;
 pub use outline::OutlineRow;
-pub use playback::{Place, Playback, Timeout, Waited};
+pub use playback::Playback;
 pub use script::{ANGLE_LIMIT_DEG, Context, PRESSURE_LIMIT_BAR, Plane, Protocol, RandomSteps, Role, Script};
+pub use timeout::{Place, Timeout, Waited};

@@ -90,6 +90,13 @@ pub struct Seconds {
     pub diagnose: f64,
 }
 
+impl Figures {
+    /// Whether the validation error is within 1.1 times that of the truth's own form, on every channel.
+    pub fn as_good(&self) -> bool {
+        self.against_truth.is_some_and(|ratio| ratio <= 1.1)
+    }
+}
+
 /// A model without an effect.
 struct Without {
     /// Cost a target.
@@ -101,6 +108,16 @@ struct Without {
 }
 
 impl Case {
+    /// Whether an effect of the library is sealed, and exactly what is sealed was named.
+    pub fn named_right(&self) -> bool {
+        self.outcome == Outcome::Right && !matches!(self.kind, Kind::None | Kind::Outside)
+    }
+
+    /// Whether something is to be desired: another verdict than what is sealed, or a validation error beyond that of the truth's own form.
+    pub fn falls_short(&self) -> bool {
+        self.outcome != Outcome::Right || (self.named_right() && !self.figures.as_good())
+    }
+
     /// How strong the effect is that shows least, noise floors: the largest validation error of the best model without it. That is the one
     /// fitted from the true values on, or the one that the identification or the diagnosis found, where that fits what was recorded
     /// better: the other one then ended in a false minimum.
@@ -159,7 +176,7 @@ impl Case {
         let figure = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{v:.2}"));
         let Seconds { record, measure, identify, diagnose } = self.seconds;
         format!(
-            "case {:3} {:8} {sealed} -> {} ({}); error {} -> {} (truth's form {}); {:.0} + {:.0} s",
+            "case {:3} {:8} {sealed} -> {} ({}); error {} -> {} (truth's form {}, ratio {}); {:.0} + {:.0} s",
             self.case,
             self.kind.as_str(),
             found.trim(),
@@ -167,6 +184,7 @@ impl Case {
             figure(self.figures.before),
             figure(self.figures.after),
             figure(self.figures.truth),
+            figure(self.figures.against_truth),
             record + measure,
             identify + diagnose,
         )
@@ -257,6 +275,23 @@ pub(super) mod tests {
         unknown[0].left = None;
         assert_eq!(case(unknown, &[], Figures::default()).least_left(), None);
         assert_eq!(case(Vec::new(), &[], Figures::default()).least_left(), None, "nothing acts");
+    }
+
+    #[test]
+    fn a_right_name_with_a_larger_error_than_the_truths_form_falls_short() {
+        let of = |kind, outcome, ratio| {
+            let figures = Figures { against_truth: ratio, ..Figures::default() };
+            Case { kind, outcome, ..case(Vec::new(), &[], figures) }.falls_short()
+        };
+        assert!(!of(Kind::Weak, Outcome::Right, Some(1.09)));
+        assert!(of(Kind::Weak, Outcome::Right, Some(1.11)));
+        assert!(of(Kind::Pair, Outcome::Right, None), "nobody could say");
+        assert!(of(Kind::Weak, Outcome::LookAlike, Some(1.0)));
+        assert!(
+            !of(Kind::Outside, Outcome::Right, Some(5.0)),
+            "what has no name is not compared with the truth's form"
+        );
+        assert!(!of(Kind::None, Outcome::Right, None));
     }
 
     #[test]

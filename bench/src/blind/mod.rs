@@ -14,6 +14,7 @@
 //! | [`case`] | what is known of it then |
 //! | [`judge`] | what a verdict is worth |
 //! | [`table`] | the confusion table and the targets |
+//! | [`times`] | how long a verdict took |
 //! | [`store`] | results on disk, for a run that goes on later |
 
 pub mod case;
@@ -27,5 +28,6 @@ pub mod scripts;
 pub mod sensors;
 pub mod store;
 pub mod table;
+pub mod times;
 pub mod trial;
 mod yardstick;

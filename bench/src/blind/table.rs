@@ -171,9 +171,6 @@ pub fn targets(cases: &[Case]) -> Vec<Target> {
     let right = |c: &Case| c.outcome == Outcome::Right;
     let of = |row: &'static [Row]| cases.iter().filter(move |c| row.contains(&Row::of(c)));
     let weak_not_right = || of(&[Row::Weak]).filter(|c| c.outcome != Outcome::Right);
-    let named = |c: &&Case| {
-        c.outcome == Outcome::Right && matches!(c.kind, Kind::Weak | Kind::Clear | Kind::Gross | Kind::Pair)
-    };
     let target = |what, share, bound, at_most| Target { what, share, bound, at_most };
     vec![
         target("false alarms without effect", Share::of(of(&[Row::None]), |c| !right(c)), 0.01, true),
@@ -191,7 +188,7 @@ pub fn targets(cases: &[Case]) -> Vec<Target> {
         target("outside: unrecognised, right balance", Share::of(of(&[Row::Outside]), right), 0.90, false),
         target(
             "named: error within 1.1 times the truth's form",
-            Share::of(cases.iter().filter(named), |c| c.figures.against_truth.is_some_and(|r| r <= 1.1)),
+            Share::of(cases.iter().filter(|c| c.named_right()), |c| c.figures.as_good()),
             1.0,
             false,
         ),

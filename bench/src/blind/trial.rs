@@ -219,8 +219,7 @@ fn fill(out: &mut Case, Sealed { truth, recorded, without }: &Sealed) -> Result<
         out.figures.against_truth = Some(ratio);
     }
     let said = said(&diagnosis);
-    let as_good = out.figures.against_truth.is_some_and(|ratio| ratio <= 1.1);
-    out.outcome = judge(out.kind, &out.acting, &said, as_good);
+    out.outcome = judge(out.kind, &out.acting, &said, out.figures.as_good());
     out.said = Some(said);
     Ok(())
 }

@@ -5,6 +5,7 @@ use super::results::aligned;
 use crate::blind::plan::{Kind, plan};
 use crate::blind::store::Store;
 use crate::blind::table::{Target, confusion, covered, seen, targets};
+use crate::blind::times::times;
 use crate::blind::trial::{DIAGNOSIS, trial};
 use crate::failure::{self, Failure};
 use crate::progress::Progress;
@@ -82,6 +83,11 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     }
     let cases = store.cases();
     let cases: Vec<_> = cases.into_iter().filter(|c| wanted.contains(&c.case)).collect();
+    if cases.len() > 1 {
+        progress.result("");
+        progress.result("short of what is sealed, or of the error of the truth's form:");
+        cases.iter().filter(|c| c.falls_short()).for_each(|c| progress.result(&c.line()));
+    }
     progress.result("");
     aligned(&confusion(&cases)).iter().for_each(|line| progress.result(line));
     progress.result("");
@@ -90,6 +96,8 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     progress.result("of those, the ones whose effects leave a noise floor or more in the runs that may be fitted:");
     seen(&cases).iter().for_each(|(what, share)| progress.result(&format!("{what:44} {share}")));
     progress.result(&format!("{:44} {}", "parameters: 95 % interval holds the truth", covered(&cases)));
+    progress.result("");
+    aligned(&times(&cases)).iter().for_each(|line| progress.result(line));
     judge(&targets, args.case.is_some())
 }
 
