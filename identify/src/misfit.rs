@@ -35,14 +35,15 @@ pub struct Part {
 /// forgotten itself.
 ///
 /// What is no misfit of the plant is taken off: what little is left of the noise's colour at that distance, and what the steps of
-/// an encoder leave that no noise dithers. `colours`: by [`Channel`], where the lever is free.
+/// an encoder leave that no noise dithers. `colours`: by [`Channel`], where the lever is free. A misfit that swings back within that distance shows as
+/// a product below zero, which no noise has ([`structured`]).
 pub fn parts(problem: &Problem, residuals: &[Vec<f64>], colours: &[Colour]) -> Vec<Part> {
     let mut out: Vec<Part> = Vec::new();
     let runs: std::collections::BTreeSet<usize> = problem.stretches.iter().map(|s| s.run).collect();
     let white = Colour::white();
     for run in runs {
         for channel in problem.channels() {
-            let (mut sum, mut weight, mut pairs) = (0.0, 0.0, 0usize);
+            let (mut sum, mut noise, mut weight, mut pairs) = (0.0, 0.0, 0.0, 0usize);
             let mut error = 0.0;
             let mut free = false;
             let mut protocol = None;
@@ -58,7 +59,8 @@ pub fn parts(problem: &Problem, residuals: &[Vec<f64>], colours: &[Colour]) -> V
                 let taken = if free { colour.at(lag).max(0.0) } else { 0.0 };
                 let own: Vec<usize> = (0..s.targets.len()).filter(|&t| s.targets[t].channel == channel).collect();
                 for (before, after) in own.iter().zip(own.iter().skip(lag)) {
-                    sum += residuals[n][*after] * residuals[n][*before] - taken;
+                    sum += residuals[n][*after] * residuals[n][*before];
+                    noise += taken;
                     weight += s.targets[*after].samples as f64;
                     pairs += 1;
                 }
@@ -67,12 +69,19 @@ pub fn parts(problem: &Problem, residuals: &[Vec<f64>], colours: &[Colour]) -> V
             if !there || pairs < 10 {
                 continue;
             }
-            let total: f64 = sum - steps * weight;
-            let significance = total / (error * (pairs as f64).sqrt());
+            let chance = error * (pairs as f64).sqrt();
+            let total = structured(sum, noise + steps * weight, chance);
+            let significance = total / chance;
             out.push(Part { run, protocol, free, channel, structured: total / weight, samples: weight, significance });
         }
     }
     out
+}
+
+/// Of a sum of products what is more than the sensors' own (`noise`). One that is certainly below zero (`chance`: its standard error if there were no misfit)
+/// is of a misfit that swings: its square is at least as large as any of its products, whatever their sign.
+fn structured(sum: f64, noise: f64, chance: f64) -> f64 {
+    if sum < -CERTAIN * chance { -sum } else { sum - noise }
 }
 
 /// How much of a misfit counts: all where the lever is free. Where angle or pressures are inputs their own errors show as misfit too: a fifth (RMS)
@@ -85,9 +94,12 @@ fn weight(part: &Part) -> f64 {
     }
 }
 
+/// Standard errors from which a part is more than noise.
+const CERTAIN: f64 = 5.0;
+
 /// The largest structured residual that is more than noise, by its weight.
 pub fn leading(parts: &[Part]) -> Option<&Part> {
-    parts.iter().filter(|p| p.significance > 5.0).max_by(|a, b| weighted(a).total_cmp(&weighted(b)))
+    parts.iter().filter(|p| p.significance > CERTAIN).max_by(|a, b| weighted(a).total_cmp(&weighted(b)))
 }
 
 /// How large that is, in units of the noise of one sample (RMS), weighted.
@@ -131,6 +143,13 @@ mod tests {
     fn part(free: bool, channel: Channel, structured: f64, samples: f64) -> Part {
         let (run, protocol) = (0, None);
         Part { run, protocol, free, channel, structured, samples, significance: 10.0 }
+    }
+
+    #[test]
+    fn a_misfit_that_swings_back_is_one_and_chance_below_zero_is_none() {
+        assert_eq!(structured(30.0, 2.0, 4.0), 28.0);
+        assert_eq!(structured(-10.0, 2.0, 4.0), -12.0, "two and a half standard errors");
+        assert_eq!(structured(-40.0, 2.0, 4.0), 40.0, "ten");
     }
 
     #[test]
