@@ -9,7 +9,7 @@ use crate::colour::colours;
 use crate::fit::{Effort, Fit};
 use crate::guided::Guided;
 use crate::misfit;
-use crate::problem::{Point, Problem};
+use crate::problem::Problem;
 use crate::refit::{Bases, Refit, advantage, refit};
 use crate::score::Direction;
 use crate::{forms, shapes};
@@ -135,40 +135,6 @@ const HEATS: [Heat; 4] = [
     Heat { most: 4, share: 0.6, times: 5.0, iterations: 6, tolerance: 1e-5 },
     Heat { most: 3, share: 0.85, times: 2.0, iterations: 25, tolerance: 1e-6 },
 ];
-
-/// Brings a fit of the brief runs to the whole ones. More must not come out as worse than the current model: besides the brief
-/// fit's own point, the current model's base and that of the component experiments lead with the effect's values, and
-/// the one that promises most is brought to its minimum.
-pub(super) fn on_the_whole(
-    problem: &Problem,
-    current: &Fit,
-    component: &[f64],
-    brief: &Fit,
-    to_the_end: Effort,
-) -> Option<Fit> {
-    let added = &brief.point.theta[current.point.theta.len()..];
-    let from_current = Point {
-        theta: current.point.theta.iter().chain(added).copied().collect(),
-        initial: current.point.initial.clone(),
-    };
-    let mut from_component = from_current.clone();
-    from_component.theta[..component.len()].copy_from_slice(component);
-    from_component.initial.iter_mut().for_each(|values| values.fill(0.0));
-    let few = Effort { iterations: 3, tolerance: 1e-6, ahead: true, ..Effort::default() };
-    let led = crate::fit::fit(problem, &brief.layout, brief.point.clone(), few);
-    if let Err(error) = &led {
-        tracing::debug!(%error, "a brief fit can't be simulated on the whole runs");
-    }
-    let mut tried: Vec<Fit> = led.into_iter().collect();
-    if tried.first().is_none_or(|fit| fit.cost > current.cost) {
-        let more = [from_current, from_component];
-        tried.extend(more.into_iter().filter_map(|p| crate::fit::fit(problem, &brief.layout, p, few).ok()));
-    }
-    let lead = tried.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost))?;
-    let fit = crate::fit::fit(problem, &lead.layout, lead.point, to_the_end).ok()?;
-    tracing::debug!(cost = fit.cost, converged = fit.converged, current = current.cost, "on the whole runs");
-    (fit.cost < current.cost).then_some(fit)
-}
 
 /// A model on the start of each run where its simulation follows what was measured, from its fit or the component experiments on.
 pub(super) fn guided(problem: &Problem, current: &Fit, component: &[f64]) -> Option<Guided> {

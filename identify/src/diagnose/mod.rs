@@ -13,6 +13,7 @@ mod review;
 mod round;
 mod search;
 mod under_guide;
+mod whole;
 
 use model::effects::{Balance, Effect, LIBRARY};
 use model::integrate::SimulationError;

@@ -4,12 +4,13 @@ use model::effects::empirical::EMPIRICAL;
 use model::effects::{Balance, Effect};
 use model::integrate::SimulationError;
 
-use super::compare::{on_the_whole, refit_all};
+use super::compare::refit_all;
 use super::conclude::explained_share;
 use super::holdout::HoldOut;
 use super::round::Round;
 use super::search::{Found, Search, Step};
 use super::under_guide::UnderGuide;
+use super::whole::on_the_whole;
 use super::{LEVEL, PREFERRED};
 use crate::colour::Colour;
 use crate::fit::{Effort, Fit, fit};

@@ -6,13 +6,11 @@ use model::effects::Effect;
 use model::effects::empirical::EMPIRICAL;
 use model::integrate::SimulationError;
 
-use super::compare::{
-    guided, is_sound, joined, look_alikes, nested_on, on_the_whole, rank, refit_all, rivals, to_the_end,
-    where_they_differ,
-};
+use super::compare::{is_sound, joined, look_alikes, nested_on, rank, refit_all, rivals, where_they_differ};
 use super::holdout::HoldOut;
 use super::round::Round;
 use super::under_guide::UnderGuide;
+use super::whole::Seated;
 use super::{
     BRIEF_S, CLEAR, Declared, EXPLAINED, GROSS, LEVEL, LOST, MATERIAL, PREFERRED, Ranked, SHORT_S, SUBSTANTIAL,
     most_names,
@@ -192,26 +190,6 @@ impl<'a> Search<'a> {
         nested_on(&self.brief, current)
     }
 
-    /// A fit that leaves a gross misfit, or a better one of the same model from where a guide leads: it may stand in a false minimum, and a second
-    /// effect must not be named for what another start would have gained.
-    fn reseated(&self, found: &Found, fit: Fit) -> Result<Fit, SimulationError> {
-        // what takes away little is not named, wherever it stands
-        let little = fit.cost > (1.0 - LOST) * found.steps[0].fit.cost;
-        if little || !is_gross(self.problem, &fit, &found.colours)? {
-            return Ok(fit);
-        }
-        let theta = guided(self.problem, &fit, self.component).and_then(|guided| guided.let_go());
-        let led = theta
-            .and_then(|theta| crate::fit::fit(self.problem, &fit.layout, self.problem.point(theta), to_the_end()).ok());
-        Ok(match led {
-            Some(led) if led.cost < fit.cost => {
-                tracing::info!(from = fit.cost, to = led.cost, "the model was in a false minimum");
-                led
-            }
-            _ => fit,
-        })
-    }
-
     /// Where a round's refits start.
     pub fn bases<'b>(&'b self, round: &'b Round, guided: Option<&'b Guided>, gross: bool) -> Bases<'b> {
         let (component, short) = (self.component, &self.short);
@@ -312,15 +290,22 @@ impl<'a> Search<'a> {
         if !alike.is_empty() {
             refits = joined(refits, refit_all(&self.brief, &bases, round, &alike, None, self.progress));
         }
-        let Some(best) = refits.first() else { return Ok(None) };
+        let Some(best) = refits.first_mut() else { return Ok(None) };
+        let seated = self.seated(found, &last.fit, &best.fit, round.scene.fit)?;
+        // the fit to the brief runs stood in the same false minimum
+        let moved = match seated.as_ref().filter(|seated| seated.moved).map(|seated| self.nested(&seated.fit)) {
+            Some(Ok(brief)) if brief.cost < best.fit.cost => {
+                best.fit = brief;
+                true
+            }
+            _ => false,
+        };
+        let best = &refits[0];
         let ranked = rank(&self.brief, &refits)?;
         if found.ranking.is_empty() {
             found.ranking = ranked.clone();
         }
-        let Some(fit) = on_the_whole(self.problem, &last.fit, self.component, &best.fit, to_the_end()) else {
-            return Ok(None);
-        };
-        let fit = self.reseated(found, fit)?;
+        let Some(Seated { fit, .. }) = seated else { return Ok(None) };
         let rivals = rivals(&self.brief, &refits, round.scene.fit.cost)?;
         let next_experiment = match rivals.first() {
             Some(rival) => Some(where_they_differ(&self.brief, &best.fit, &rival.fit)?),
@@ -347,9 +332,9 @@ impl<'a> Search<'a> {
         if self.is_beside_the_point(found, &last, &step) {
             return Ok(Some(step));
         }
-        // a name of this round was compared beside the earlier one, unless both are of this round
+        // a name of this round was compared beside the earlier one, unless both are of this round, or that one stood elsewhere
         let mut unseen: Vec<&'static str> = step.names.iter().map(|n| n.effect.header().id).collect();
-        unseen.retain(|id| best.added.len() > 1 || !best.added.contains(id));
+        unseen.retain(|id| moved || best.added.len() > 1 || !best.added.contains(id));
         self.reviewed(found, step, best.fit.clone(), &unseen).map(Some)
     }
 

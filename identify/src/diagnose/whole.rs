@@ -1,0 +1,92 @@
+//! From a fit to the brief runs to one to the whole ones.
+
+use model::integrate::SimulationError;
+
+use super::LOST;
+use super::compare::{guided, to_the_end};
+use super::search::{Found, Search, is_gross};
+use crate::fit::{Effort, Fit};
+use crate::problem::{Point, Problem};
+
+/// Tells which start leads.
+const FEW: Effort = Effort { iterations: 3, tolerance: 1e-6, promise: f64::INFINITY, creep: 0.0, ahead: true };
+
+/// A fit in the best minimum that was found for it.
+pub(super) struct Seated {
+    pub fit: Fit,
+    /// Not the one that the fit to the brief runs stood in.
+    pub moved: bool,
+}
+
+impl Search<'_> {
+    /// The fit `brief` of the brief runs brought to the whole ones, as [`on_the_whole`], or, where that leaves a gross misfit, from where a guide leads: it may
+    /// stand in a false minimum, and a second effect must not be named for what another start would have gained. `current`: the model without what the
+    /// candidate adds, on the whole runs; `without`: on the brief ones.
+    pub fn seated(
+        &self,
+        found: &Found,
+        current: &Fit,
+        brief: &Fit,
+        without: &Fit,
+    ) -> Result<Option<Seated>, SimulationError> {
+        let Some(lead) = lead(self.problem, current, self.component, brief) else { return Ok(None) };
+        // what takes away little is not named, wherever it stands
+        let little = brief.cost / without.cost > (1.0 - LOST) * found.steps[0].fit.cost / current.cost;
+        let led = if little || !is_gross(self.problem, &lead, &found.colours)? { None } else { self.let_go(&lead) };
+        let (start, moved) = match led {
+            Some(led) if led.cost < lead.cost => {
+                tracing::info!(from = lead.cost, to = led.cost, "a guide leads further");
+                (led, true)
+            }
+            _ => (lead, false),
+        };
+        Ok(ended(self.problem, current, start, to_the_end()).map(|fit| Seated { fit, moved }))
+    }
+
+    /// A few steps on the whole runs from where a guide lets go of the model.
+    fn let_go(&self, fit: &Fit) -> Option<Fit> {
+        let theta = guided(self.problem, fit, self.component)?.let_go()?;
+        crate::fit::fit(self.problem, &fit.layout, self.problem.point(theta), FEW).ok()
+    }
+}
+
+/// Brings a fit of the brief runs to the whole ones. More must not come out as worse than the current model: besides the brief
+/// fit's own point, the current model's base and that of the component experiments lead with the effect's values, and
+/// the one that promises most is brought to its minimum.
+pub(super) fn on_the_whole(
+    problem: &Problem,
+    current: &Fit,
+    component: &[f64],
+    brief: &Fit,
+    to_the_end: Effort,
+) -> Option<Fit> {
+    lead(problem, current, component, brief).and_then(|lead| ended(problem, current, lead, to_the_end))
+}
+
+fn lead(problem: &Problem, current: &Fit, component: &[f64], brief: &Fit) -> Option<Fit> {
+    let added = &brief.point.theta[current.point.theta.len()..];
+    let from_current = Point {
+        theta: current.point.theta.iter().chain(added).copied().collect(),
+        initial: current.point.initial.clone(),
+    };
+    let mut from_component = from_current.clone();
+    from_component.theta[..component.len()].copy_from_slice(component);
+    from_component.initial.iter_mut().for_each(|values| values.fill(0.0));
+    let led = crate::fit::fit(problem, &brief.layout, brief.point.clone(), FEW);
+    if let Err(error) = &led {
+        tracing::debug!(%error, "a brief fit can't be simulated on the whole runs");
+    }
+    let mut tried: Vec<Fit> = led.into_iter().collect();
+    if tried.first().is_none_or(|fit| fit.cost > current.cost) {
+        let more = [from_current, from_component];
+        tried.extend(more.into_iter().filter_map(|p| crate::fit::fit(problem, &brief.layout, p, FEW).ok()));
+    }
+    tried.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost))
+}
+
+/// At its minimum; `None` where that is above the current model's.
+fn ended(problem: &Problem, current: &Fit, lead: Fit, to_the_end: Effort) -> Option<Fit> {
+    let fit = crate::fit::fit(problem, &lead.layout, lead.point, to_the_end).ok()?;
+    tracing::debug!(cost = fit.cost, converged = fit.converged, current = current.cost, "on the whole runs");
+    (fit.cost < current.cost).then_some(fit)
+}
