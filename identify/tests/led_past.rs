@@ -1,9 +1,9 @@
-//! Walls that remember: what the force sensor shows at a clamped angle depends on the way on which the lever was led there.
+//! Walls that remember: what the sensors show at a clamped angle depends on the way on which the lever was led there, and on the pressures until then.
 
 #![allow(clippy::unwrap_used, reason = "a test may end where something is not as expected")]
 
 use identify::layout::Layout;
-use identify::predict::predict;
+use identify::predict::{linearise, predict};
 use identify::prepare::{Channel, Stretch, stretches};
 use model::Parameters;
 use model::effects::{EffectSet, find};
@@ -12,17 +12,30 @@ use model::rec::{self, Circuit, Input, Lever, STATES, state};
 use recordings::{Plane, Protocol, Recording};
 
 const STEP_S: f64 = 0.01;
-/// Hysteresis: Nm, rad.
-const WALLS: [f64; 2] = [0.6, 0.08];
+/// Id and values of an effect.
+type Walls = (&'static str, [f64; 2]);
+/// Nm, rad.
+const HYSTERESIS: Walls = ("elastic_hysteresis", [0.6, 0.08]);
+/// ml/bar, s. It settles over several dwells.
+const CREEP: Walls = ("wall_creep", [1.5, 3.0]);
 
 /// A lever that is led from dwell to dwell of a torque map, once beyond the angle and back.
-fn torque_map(truth: &Parameters) -> Recording {
-    let effects = EffectSet::new(STATES, [(find("elastic_hysteresis").unwrap(), WALLS.to_vec())]);
+fn torque_map(truth: &Parameters, (id, values): Walls) -> Recording {
+    let effects = EffectSet::new(STATES, [(find(id).unwrap(), values.to_vec())]);
     let k = truth.to_vector();
     let mut x = vec![0.0; STATES + effects.states];
     x[state::ANGLE] = (-20f64).to_radians();
     x[state::PRESSURE1] = 2.6;
     x[state::PRESSURE2] = 2.6;
+    let input = Input {
+        voltage_v: 0.0,
+        brake_open: true,
+        bypass_open: true,
+        vertical: false,
+        lever: Lever::Led { velocity_rad_s: 0.0 },
+        circuit: Circuit::Pump,
+    };
+    rec::rest_states(&input, &k, &effects, &mut x);
     // seconds, degrees a second, voltage, clamped
     let plan = [
         (1.0, 0.0, 1.5, true),
@@ -39,11 +52,9 @@ fn torque_map(truth: &Parameters) -> Recording {
     for (segment, (seconds, rate_deg_s, voltage_v, clamped)) in plan.into_iter().enumerate() {
         let input = Input {
             voltage_v,
-            brake_open: true,
             bypass_open: !clamped,
-            vertical: false,
             lever: Lever::Led { velocity_rad_s: f64::to_radians(rate_deg_s) },
-            circuit: Circuit::Pump,
+            ..input
         };
         for _ in 0..(seconds / STEP_S) as usize {
             let t = r.time_s.len() as f64 * STEP_S;
@@ -64,15 +75,20 @@ fn torque_map(truth: &Parameters) -> Recording {
     r
 }
 
-/// Largest error of the predicted torques, Nm.
-fn torque_error(truth: &Parameters, stretches: &[Stretch]) -> f64 {
-    let layout = Layout::base(truth).with(find("elastic_hysteresis").unwrap());
+fn model(truth: &Parameters, (id, values): Walls) -> (Layout, Vec<f64>) {
+    let layout = Layout::base(truth).with(find(id).unwrap());
     let mut theta = layout.vector_of(truth);
-    theta.extend(WALLS);
+    theta.extend(values);
+    (layout, theta)
+}
+
+/// Largest error of what is predicted of a channel, in its unit.
+fn largest_error(truth: &Parameters, walls: Walls, stretches: &[Stretch], channel: Channel) -> f64 {
+    let (layout, theta) = model(truth, walls);
     let errors = stretches.iter().flat_map(|s| {
         let shown = predict(s, &layout, &theta, &[0.0; 3]).unwrap();
-        let torques = s.targets.iter().zip(shown).filter(|(t, _)| t.channel == Channel::Torque);
-        torques.map(|(t, y)| (t.measured - y).abs()).collect::<Vec<_>>()
+        let own = s.targets.iter().zip(shown).filter(|(t, _)| t.channel == channel);
+        own.map(|(t, y)| (t.measured - y).abs()).collect::<Vec<_>>()
     });
     errors.fold(0.0, f64::max)
 }
@@ -80,20 +96,68 @@ fn torque_error(truth: &Parameters, stretches: &[Stretch]) -> f64 {
 #[test]
 fn a_torque_map_is_predicted_from_the_way_between_its_angles() {
     let truth = Parameters::example();
-    let mut cut = stretches(0, "t.csv", Protocol::TorqueMap, Plane::Horizontal, &torque_map(&truth)).unwrap();
+    let mut cut =
+        stretches(0, "t.csv", Protocol::TorqueMap, Plane::Horizontal, &torque_map(&truth, HYSTERESIS)).unwrap();
     assert_eq!(cut.len(), 3, "a stretch an angle");
     let turns: Vec<usize> = cut.iter().map(|s| s.way_rad.len()).collect();
     assert_eq!(turns, [2, 2, 3], "the last dwell lies behind a reversal");
     // what is left is the mean of the first 50 ms as the initial pressure, which no fit has refined here
-    assert!(torque_error(&truth, &cut) < 0.1 * WALLS[0], "{}", torque_error(&truth, &cut));
+    let error = |cut: &[Stretch]| largest_error(&truth, HYSTERESIS, cut, Channel::Torque) / HYSTERESIS.1[0];
+    assert!(error(&cut) < 0.1, "{}", error(&cut));
     cut.iter_mut().for_each(|s| s.way_rad.clear());
-    assert!(torque_error(&truth, &cut) > 0.9 * WALLS[0], "without the way they would seem fresh");
+    assert!(error(&cut) > 0.9, "without the way they would seem fresh");
+}
+
+#[test]
+fn a_torque_map_is_predicted_from_the_pressures_between_its_angles() {
+    let truth = Parameters::example();
+    let map = torque_map(&truth, CREEP);
+    let mut cut = stretches(0, "t.csv", Protocol::TorqueMap, Plane::Horizontal, &map).unwrap();
+    assert!(cut[0].past.is_none() && cut[1..].iter().all(|s| s.past.is_some()), "before the first nothing is known");
+    let error = |cut: &[Stretch]| largest_error(&truth, CREEP, cut, Channel::Pressure1);
+    let with = error(&cut);
+    cut.iter_mut().for_each(|s| s.past = None);
+    // the rest is the mean of the first 50 ms as the initial pressure, as above
+    assert!(with < 0.3 * error(&cut), "{with} bar, and {} where the walls would seem settled", error(&cut));
+    // a pause of which nothing was recorded
+    let mut paused = map;
+    let behind = paused.time_s.iter().position(|t| *t > 3.0).unwrap();
+    paused.time_s[behind..].iter_mut().for_each(|t| *t += 5.0);
+    let cut = stretches(0, "t.csv", Protocol::TorqueMap, Plane::Horizontal, &paused).unwrap();
+    let first = cut[1].past.as_ref().unwrap().time_s[0];
+    assert!(first > 8.0, "{first} s: what was before the pause counts");
+}
+
+#[test]
+fn what_a_past_leaves_has_its_derivatives() {
+    let truth = Parameters::example();
+    let cut = stretches(0, "t.csv", Protocol::TorqueMap, Plane::Horizontal, &torque_map(&truth, CREEP)).unwrap();
+    let (layout, theta) = model(&truth, CREEP);
+    let linear = linearise(&cut[2], &layout, &theta, &[0.0; 3]).unwrap();
+    let columns = theta.len() + 3;
+    for entry in theta.len() - 2..theta.len() {
+        let step = 1e-4 * theta[entry];
+        let moved = |by: f64| {
+            let mut theta = theta.clone();
+            theta[entry] += by;
+            predict(&cut[2], &layout, &theta, &[0.0; 3]).unwrap()
+        };
+        let (up, down) = (moved(step), moved(-step));
+        let slopes: Vec<f64> = up.iter().zip(&down).map(|(u, d)| (u - d) / (2.0 * step)).collect();
+        let largest = slopes.iter().fold(0.0, |m: f64, s| m.max(s.abs()));
+        assert!(largest > 0.0);
+        for (t, slope) in slopes.iter().enumerate() {
+            let told = linear.slope[t * columns + entry];
+            // that of a mean is taken at its middle
+            assert!((told - slope).abs() < 0.02 * largest, "entry {entry}, target {t}: {told} {slope}");
+        }
+    }
 }
 
 #[test]
 fn a_dwell_without_an_angle_is_passed_over_and_a_map_without_any_is_refused() {
     let truth = Parameters::example();
-    let mut silent = torque_map(&truth);
+    let mut silent = torque_map(&truth, HYSTERESIS);
     let whole = stretches(0, "t.csv", Protocol::TorqueMap, Plane::Horizontal, &silent).unwrap();
     let lost = &whole[1].time_s;
     let (from, to) = (lost[0], lost[lost.len() - 1]);

@@ -1,6 +1,7 @@
 //! What a model of the REC rig says about a stretch: free run from its initial state, with the recorded inputs.
 
 mod imposed;
+mod past;
 
 use imposed::{CLOSE, STEPS, impose_sensitivity};
 use model::effects::EffectSet;
@@ -8,6 +9,7 @@ use model::integrate::{Integrator, Seeds, Sensitivity, SimulationError, Trail};
 use model::port::PortKind;
 use model::rec::{self, Input, Lever, STATES, state};
 use model::scalar::{Scalar, Tangent};
+use past::remember_sensitivity;
 
 use crate::guide::Pull;
 use crate::layout::Layout;
@@ -76,7 +78,9 @@ impl<'a> Run<'a> {
         let trail = Trail::new(k);
         let led = !stretch.angle_rad.is_empty() && stretch.stand != Stand::Bench;
         let carried = led && effects.touches(PortKind::Sensor);
-        Run { stretch, k, effects, integrator, trail, x, scratch, shift_rad, carried }
+        let mut run = Run { stretch, k, effects, integrator, trail, x, scratch, shift_rad, carried };
+        run.remember();
+        run
     }
 
     /// The input that acts from row `i` on for `dt` seconds.
@@ -255,6 +259,7 @@ pub fn linearise(
     let mut run = Run::start(stretch, &k, &effects, initial);
     let mut s = Sensitivity::new(states, all);
     start_sensitivity(stretch, &run, &seeds, &mut s, columns);
+    remember_sensitivity(&run, &seeds, &mut s, columns);
 
     let mut means = Means::new(stretch);
     let mut predicted = Vec::with_capacity(stretch.targets.len());

@@ -1,6 +1,7 @@
 //! From recordings to stretches: pieces that are simulated from one initial state, with their inputs and targets.
 
 mod inputs;
+mod past;
 mod rows;
 mod stretch;
 mod way;
@@ -11,6 +12,7 @@ use crate::noise::{error_of_mean, mean, spread_about_line, step, white_std};
 use inputs::{drained_pressure, filled, led_angle, level, rests, smoothed};
 use rows::{block_starts, dwells, fillings, rest_rows, slow, thinned};
 
+use past::past;
 use way::way_rad;
 
 pub use rows::segments;
@@ -52,6 +54,7 @@ pub fn stretches(
         bypass_open: r.bypass_open[first..end].to_vec(),
         angle_rad: Vec::new(),
         way_rad: Vec::new(),
+        past: None,
         pressure_bar: [Vec::new(), Vec::new()],
         inputs: Vec::new(),
         initial: vec![0.0; 3],
@@ -99,6 +102,7 @@ pub fn stretches(
                 let mut s = cut(first, end, Stand::Led);
                 s.angle_rad = vec![level(&r.angle_deg[first..end], angle_noise).to_radians(); end - first];
                 s.way_rad = way_rad(&r, first, angle_noise, s.angle_rad[0]);
+                s.past = past(&s, &r, first, angle_noise);
                 initial_from_rows(&mut s, &r, first, 0.05, 0.05);
                 for channel in [Channel::Pressure1, Channel::Pressure2, Channel::Torque] {
                     s.measured[channel.index()] = channel.of(&r)[first..end].to_vec();

@@ -98,6 +98,8 @@ pub struct Stretch {
     pub angle_rad: Vec<f64>,
     /// Turning points of the way on which a led lever came to its first angle, rad; that angle is the last. Empty: not known, or free.
     pub way_rad: Vec<f64>,
+    /// What was before, where the lever is led, with angle and pressures as inputs: it says how the effects at the chambers begin.
+    pub past: Option<Box<Stretch>>,
     /// Pressures as inputs, bar absolute; empty where they are not.
     pub pressure_bar: [Vec<f64>; 2],
     /// Inputs of another plant by column, one value a row.
@@ -142,6 +144,7 @@ impl Stretch {
             bypass_open: Vec::new(),
             angle_rad: Vec::new(),
             way_rad: Vec::new(),
+            past: None,
             pressure_bar: [Vec::new(), Vec::new()],
             inputs,
             initial,

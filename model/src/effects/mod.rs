@@ -310,6 +310,13 @@ impl<S: Scalar> EffectSet<S> {
         self.ports & !(1 << PortKind::Sensor as u8) == 0 && !self.sensor_states
     }
 
+    /// Places of the states of each effect that acts at the chambers alone, in the plant's state vector.
+    pub fn at_chambers(&self) -> impl Iterator<Item = std::ops::Range<usize>> + '_ {
+        const AT_CHAMBERS: u8 = 1 << PortKind::Hydraulic as u8;
+        let own = self.items.iter().filter(|a| a.ports == AT_CHAMBERS && !a.own.is_empty());
+        own.map(|a| a.own.clone())
+    }
+
     /// Some effect acts on this port.
     #[inline(always)]
     pub fn touches(&self, port: PortKind) -> bool {

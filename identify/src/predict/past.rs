@@ -1,0 +1,57 @@
+//! What a stretch's past has left in the effects at the chambers.
+
+use model::effects::EffectSet;
+use model::integrate::{Seeds, Sensitivity};
+use model::port::PortKind;
+
+use super::imposed::impose_sensitivity;
+use super::{Run, start_sensitivity};
+use crate::prepare::Stretch;
+
+impl Run<'_> {
+    /// Puts the states of the effects at the chambers where the stretch's past has left them; where that is not known, or the model can't follow it, they
+    /// stay at rest.
+    pub(super) fn remember(&mut self) {
+        let (effects, k) = (self.effects, self.k);
+        let Some(past) = known(self.stretch, effects) else { return };
+        let mut before = Run::start(past, k, effects, &[0.0; 3]);
+        let mut on = |i: usize| {
+            before.impose(i);
+            before.advance(i)
+        };
+        if (0..past.rows() - 1).try_for_each(&mut on).is_ok() {
+            for own in effects.at_chambers() {
+                self.x[own.clone()].copy_from_slice(&before.x[own]);
+            }
+        }
+    }
+}
+
+/// Derivatives of what [`Run::remember`] put into the state.
+pub(super) fn remember_sensitivity(run: &Run, seeds: &Seeds, s: &mut Sensitivity, columns: usize) {
+    let Some(past) = known(run.stretch, run.effects) else { return };
+    let mut before = Run::start(past, run.k, run.effects, &[0.0; 3]);
+    let mut told = Sensitivity::new(before.x.len(), s.row(0).len());
+    start_sensitivity(past, &before, seeds, &mut told, columns);
+    let shifted = run.effects.touches(PortKind::Sensor);
+    for i in 0..past.rows() - 1 {
+        before.impose(i);
+        if shifted {
+            impose_sensitivity(past, &before, seeds, &mut told, i);
+        }
+        if before.advance_with(i, |input, t, dt, middle| told.advance(seeds, input, t, dt, middle)).is_err() {
+            return;
+        }
+    }
+    for i in run.effects.at_chambers().flatten() {
+        for column in 0..told.row(i).len() {
+            // the stretch's own initial values come after its past
+            s.set(i, column, if column < columns { told.get(i, column) } else { 0.0 });
+        }
+    }
+}
+
+/// The past of a stretch, where it is known and something remembers it.
+fn known<'a>(stretch: &'a Stretch, effects: &EffectSet<f64>) -> Option<&'a Stretch> {
+    stretch.past.as_deref().filter(|past| past.rows() > 1 && effects.at_chambers().next().is_some())
+}
