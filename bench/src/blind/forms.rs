@@ -9,7 +9,7 @@ use model::scalar::Scalar;
 /// The id that each form stands for, and the form.
 pub static FORMS: &[(&str, &dyn Effect)] = &[
     ("elastic_hysteresis", &StickSlip),
-    ("stribeck_friction", &StribeckRational),
+    ("stribeck_friction", &StribeckLogistic),
     ("pressure_friction", &PressureFrictionRational),
     ("end_stop", &EndStopExponential),
     ("wall_creep", &WallCreepThreeTimes),
@@ -64,13 +64,13 @@ const fn header(
     }
 }
 
-/// Hysteresis of two elements that stick and slip, one on a fifth of the other's way (Iwan, J. Appl. Mech. 33, 1966), each of them rounded off a
-/// little: the branches have two bends.
+/// Hysteresis of three elements that stick and slip, on ways that differ by a factor of ten (Iwan, J. Appl. Mech. 33, 1966), each of them rounded off a
+/// little: the branches have three bends.
 struct StickSlip;
 
 impl StickSlip {
     /// Of each element: its share of the torque, and of the way.
-    const ELEMENTS: [(f64, f64); 2] = [(0.5, 0.4), (0.5, 2.0)];
+    const ELEMENTS: [(f64, f64); 3] = [(0.3, 0.3), (0.4, 1.0), (0.3, 3.0)];
 
     /// z' of an element whose way is `d`.
     fn rate<S: Scalar>(z: S, w: S, d: S) -> S {
@@ -84,9 +84,9 @@ impl Law for StickSlip {
         "elastic_hysteresis_stick_slip",
         Balance::Torque,
         &[PortKind::Mechanical],
-        "M -= k*(z1 + z2)/2, 0.4*d*z1' = w - abs(w)*z1^5, 2*d*z2' = w - abs(w)*z2^5",
+        "M -= k*(0.3*z1 + 0.4*z2 + 0.3*z3), 0.3*d*z1' = w - abs(w)*z1^5, d*z2' and 3*d*z3' alike",
         &[size("k", "Nm", 10.0, 0.2), shape("d", "rad", 0.002, 1.5, 0.1)],
-        2,
+        3,
         &[&[0.1, 0.05], &[0.3, 0.15], &[0.3, 0.4]],
     );
 
@@ -115,15 +115,15 @@ impl Law for StickSlip {
     }
 }
 
-/// A peak that falls with 1/(1 + (w/w_v)^2) (Hess and Soom, J. Tribology 112, 1990): far more of it is left at high velocity.
-struct StribeckRational;
+/// A peak that falls as a logistic function, most steeply at rest: between an exponential and a hyperbola near it, and an exponential far off.
+struct StribeckLogistic;
 
-impl Law for StribeckRational {
+impl Law for StribeckLogistic {
     const HEADER: Header = header(
-        "stribeck_friction_rational",
+        "stribeck_friction_logistic",
         Balance::Torque,
         &[PortKind::Mechanical],
-        "M -= k/(1 + (w/w_v)^2)*tanh(w/w_s)",
+        "M -= k*(1 - tanh(abs(w)/(2*w_v)))*tanh(w/w_s)",
         &[size("k", "Nm", 10.0, 0.2), shape("w_v", "rad/s", 0.01, 3.0, 0.1), shape("w_s", "rad/s", 0.002, 0.2, 0.02)],
         0,
         &[&[0.1, 0.1, 0.02], &[0.3, 0.3, 0.02], &[0.3, 0.6, 0.01]],
@@ -132,8 +132,8 @@ impl Law for StribeckRational {
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Mechanical(m) = port {
             let w = m.velocity_rad_s;
-            let fall = w / k[1];
-            m.torque_nm -= k[0] / (fall * fall + 1.0) * (w / k[2]).tanh();
+            let fallen = (w.abs() / k[1] * 0.5).tanh();
+            m.torque_nm -= k[0] * (S::constant(1.0) - fallen) * (w / k[2]).tanh();
         }
     }
 }

@@ -25,7 +25,8 @@ impl Law for CrossLeakage {
         starts: &[&[0.03, 0.02], &[0.5, 0.02], &[3.0, 0.1], &[0.3, 5.0]],
         passive: true,
     };
-    const REFINED: Option<Refined> = Some(Refined { effect: &AnyPower, neutral: &[0.5], starts: &[&[0.7]] });
+    const REFINED: Option<Refined> =
+        Some(Refined { effect: &AnyPower, neutral: &[0.5, 2.0], starts: &[&[0.7, 2.0], &[0.5, 0.7]] });
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Hydraulic(h) = port
@@ -42,16 +43,20 @@ impl Law for CrossLeakage {
 /// A gap between a laminar and a turbulent one.
 struct AnyPower;
 
+/// A pressure difference that is none, bar: it smooths abs(dp).
+const SMALL_BAR: f64 = 1e-4;
+
 impl Law for AnyPower {
     const HEADER: Header = Header {
-        equation: "q = k*dp*(dp^2 + d^2)^((m - 1)/2) from chamber 1 to chamber 2, also with the brake closed; none where the chambers are shut off one by one",
-        validity: "a gap of any kind: m = 0.5 turbulent, 1 laminar; laminar within the transition pressure d",
+        equation: "q = k*dp*(abs(dp)^s + d^s)^((m - 1)/s) from chamber 1 to chamber 2, also with the brake closed; none where the chambers are shut off one by one",
+        validity: "a gap of any kind: m = 0.5 turbulent, 1 laminar; laminar within the transition pressure d, which is passed the more gradually the smaller s is (a gap with an orifice behind it: some 0.7)",
         parameters: &[
             Parameter { unit: "ml/(s bar^m)", ..CrossLeakage::HEADER.parameters[0] },
             CrossLeakage::HEADER.parameters[1],
             Parameter { name: "m", unit: "1", lower: 0.4, upper: 1.1, typical: 0.7, size: false },
+            Parameter { name: "s", unit: "1", lower: 0.3, upper: 4.0, typical: 2.0, size: false },
         ],
-        starts: &[&[0.03, 0.02, 0.7]],
+        starts: &[&[0.03, 0.02, 0.7, 2.0], &[0.3, 0.1, 0.5, 0.7]],
         ..CrossLeakage::HEADER
     };
 
@@ -60,7 +65,10 @@ impl Law for AnyPower {
             && !h.shut_off
         {
             let dp = h.pressure_bar[0] - h.pressure_bar[1];
-            let leak = k[0] * dp * (dp * dp + k[1] * k[1]).powf((k[2] - 1.0) * 0.5);
+            let (power, gradual) = (k[2] - 1.0, k[3]);
+            // a power has no slope at 0
+            let within = (dp * dp + SMALL_BAR * SMALL_BAR).powf(gradual * 0.5) + k[1].powf(gradual);
+            let leak = k[0] * dp * within.powf(power / gradual);
             h.flow_ml_s[0] -= leak;
             h.flow_ml_s[1] += leak;
         }

@@ -31,8 +31,11 @@ impl Law for ElasticHysteresis {
         starts: &[&[0.1, 0.02], &[0.1, 0.1], &[0.1, 0.4], &[1.5, 0.05], &[1.5, 0.3]],
         passive: true,
     };
-    const REFINED: Option<Refined> =
-        Some(Refined { effect: &BoucWen, neutral: &[1.0, 1.0], starts: &[&[2.0, 0.75], &[1.0, 0.6]] });
+    const REFINED: Option<Refined> = Some(Refined {
+        effect: &TwoElements,
+        neutral: &[1.0, 1.0, 0.0, 5.0],
+        starts: &[&[2.0, 0.75, 0.0, 5.0], &[1.0, 0.6, 0.0, 5.0], &[1.0, 1.0, 0.4, 4.0], &[4.0, 1.0, 0.4, 5.0]],
+    });
 
     fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Mechanical(m) = port {
@@ -64,11 +67,11 @@ fn led<S: Scalar>(way_rad: &[f64], d: S) -> S {
     })
 }
 
-/// Hysteresis whose branches bend sooner or later, and back otherwise than there.
+/// Hysteresis of two elements side by side, which forget on ways of different length, and whose branches bend sooner or later, and back otherwise than there.
 ///
-/// Passive as Dahl's: of the power k*z*w the stored energy k*d*z^2/2 takes all but k*abs(z)^(n+1)*abs(w) on the way up, and that times 2*b - 1, which is not
-/// negative, on the way back.
-struct BoucWen;
+/// Each is passive as Dahl's: of the power k*z*w the stored energy k*d*z^2/2 takes all but k*abs(z)^(n+1)*abs(w) on the way up, and that times 2*b - 1, which is
+/// not negative, on the way back.
+struct TwoElements;
 
 /// Smooths abs(z) about 0, where a power of it has no slope.
 const SMALL: f64 = 1e-3;
@@ -77,34 +80,46 @@ const FORGOTTEN: f64 = 30.0;
 /// Steps of a Runge-Kutta integration along a way of one d.
 const STEPS: f64 = 5.0;
 
-impl Law for BoucWen {
+impl Law for TwoElements {
     const HEADER: Header = Header {
-        equation: "M -= k*z, d*z' = w - (b*abs(w)*z + (1 - b)*w*abs(z))*abs(z)^(n - 1) (Bouc-Wen; n = b = 1: Dahl); abs(z) <= 1; of a free lever at rest z holds the torque that is left, as far as k reaches; where the lever was led, z follows from its way",
-        validity: "rate-independent internal friction of rubber and fabric; d is the way on which a reversed stroke forgets; with a larger n the branches bend later and more sharply, with a smaller b they are straighter on the way back",
-        literature: "Wen, Method for random vibration of hysteretic systems, J. Eng. Mech. Div. ASCE 102 (1976); Ismail, Ikhouane, Rodellar, The hysteresis Bouc-Wen model, a survey, Arch. Comput. Methods Eng. 16 (2009)",
+        equation: "M -= k*((1 - share)*z1 + share*z2), d_i*z_i' = w - (b*abs(w)*z_i + (1 - b)*w*abs(z_i))*abs(z_i)^(n - 1), d_1 = d, d_2 = ratio*d (Bouc-Wen; n = b = 1: Dahl; share = 0: one element); abs(z_i) <= 1; of a free lever at rest both hold the torque that is left, as far as k reaches; where the lever was led, each follows from its way",
+        validity: "rate-independent internal friction of rubber and fabric; d_i is the way on which an element forgets a reversed stroke; with a larger n the branches bend later and more sharply, with a smaller b they are straighter on the way back",
+        literature: "Wen, Method for random vibration of hysteretic systems, J. Eng. Mech. Div. ASCE 102 (1976); Ismail, Ikhouane, Rodellar, The hysteresis Bouc-Wen model, a survey, Arch. Comput. Methods Eng. 16 (2009); Vo-Minh, Tjahjowidodo et al., IEEE/ASME Trans. Mechatronics 16 (2011): Maxwell slip, elements side by side",
         parameters: &[
             ElasticHysteresis::HEADER.parameters[0],
             ElasticHysteresis::HEADER.parameters[1],
             Parameter { name: "n", unit: "1", lower: 1.0, upper: 6.0, typical: 1.5, size: false },
             Parameter { name: "b", unit: "1", lower: 0.5, upper: 1.0, typical: 0.75, size: false },
+            Parameter { name: "share", unit: "1", lower: 0.0, upper: 1.0, typical: 0.4, size: false },
+            Parameter { name: "ratio", unit: "1", lower: 1.5, upper: 50.0, typical: 5.0, size: false },
         ],
-        starts: &[&[0.1, 0.1, 2.0, 0.75], &[1.5, 0.1, 2.0, 0.75]],
+        states: 2,
+        starts: &[&[0.1, 0.1, 2.0, 0.75, 0.0, 5.0], &[1.5, 0.1, 2.0, 0.75, 0.0, 5.0]],
         ..ElasticHysteresis::HEADER
     };
 
     fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Mechanical(m) = port {
-            dx[0] = rate(&k[1..], x[0], m.velocity_rad_s);
-            m.torque_nm -= k[0] * x[0];
+            for (i, shape) in elements(k).into_iter().enumerate() {
+                dx[i] = rate(&shape, x[i], m.velocity_rad_s);
+            }
+            m.torque_nm -= k[0] * (x[0] + k[4] * (x[1] - x[0]));
         }
     }
 
     fn rest<S: Scalar>(&self, k: &[S], rest: &Rest<S>, x: &mut [S]) {
-        x[0] = match rest.arrival {
-            Arrival::Free => held(k[0], rest.torque_nm),
-            Arrival::Led(way_rad) => way_rad.windows(2).fold(S::zero(), |z, leg| along(&k[1..], z, leg[1] - leg[0])),
-        };
+        for (shape, x) in elements(k).into_iter().zip(x) {
+            *x = match rest.arrival {
+                Arrival::Free => held(k[0], rest.torque_nm),
+                Arrival::Led(way_rad) => way_rad.windows(2).fold(S::zero(), |z, leg| along(&shape, z, leg[1] - leg[0])),
+            };
+        }
     }
+}
+
+/// d, n and b of each element.
+fn elements<S: Scalar>(k: &[S]) -> [[S; 3]; 2] {
+    [[k[1], k[2], k[3]], [k[1] * k[5], k[2], k[3]]]
 }
 
 /// z' at a velocity; `shape`: d, n and b.
@@ -140,24 +155,24 @@ mod tests {
 
     const WAY_RAD: [f64; 4] = [-0.6, 0.1, -0.05, 0.02];
 
-    /// z after moving along the way, a second a leg.
-    fn moved(law: &impl Law, k: &[f64], way_rad: &[f64]) -> f64 {
-        let mut z = [0.0];
+    /// z of each element after moving along the way, a second a leg.
+    fn moved<L: Law>(law: &L, k: &[f64], way_rad: &[f64]) -> Vec<f64> {
+        let mut z = vec![0.0; L::HEADER.states];
         const STEPS: usize = 4000;
         for leg in way_rad.windows(2) {
             for _ in 0..STEPS {
-                let mut dx = [0.0];
+                let mut dx = vec![0.0; z.len()];
                 let mut port = MechanicalPort::at(0.0, 0.0, leg[1] - leg[0]);
                 law.act(k, &z, &mut dx, &mut Port::Mechanical(&mut port));
-                z[0] += dx[0] / STEPS as f64;
+                z.iter_mut().zip(dx).for_each(|(z, rate)| *z += rate / STEPS as f64);
             }
         }
-        z[0]
+        z
     }
 
-    /// z of a lever that was led along the way.
-    fn at_rest(law: &impl Law, k: &[f64], way_rad: &[f64]) -> f64 {
-        let mut z = [f64::NAN];
+    /// z of each element of a lever that was led along the way.
+    fn at_rest<L: Law>(law: &L, k: &[f64], way_rad: &[f64]) -> Vec<f64> {
+        let mut z = vec![f64::NAN; L::HEADER.states];
         let still = Rest {
             arrival: Arrival::Led(way_rad),
             angle_rad: way_rad[way_rad.len() - 1],
@@ -168,24 +183,42 @@ mod tests {
             brake_open: true,
         };
         law.rest(k, &still, &mut z);
-        z[0]
+        z
     }
 
     #[test]
     fn a_general_way_leads_where_moving_along_it_does_and_forgets_in_a_long_stroke() {
-        for k in [[0.5, 0.08, 2.0, 0.7], [0.5, 0.08, 1.0, 1.0], [0.5, 0.3, 5.0, 0.5], [0.5, 0.02, 1.5, 0.9]] {
-            let (by_motion, by_way) = (moved(&BoucWen, &k, &WAY_RAD), at_rest(&BoucWen, &k, &WAY_RAD));
-            assert!((by_motion - by_way).abs() < 3e-3, "{k:?}: {by_motion} {by_way}");
+        for [d, n, b, ratio] in
+            [[0.08, 2.0, 0.7, 4.0], [0.08, 1.0, 1.0, 2.0], [0.3, 5.0, 0.5, 1.5], [0.02, 1.5, 0.9, 20.0]]
+        {
+            let k = [0.5, d, n, b, 0.4, ratio];
+            let (by_motion, by_way) = (moved(&TwoElements, &k, &WAY_RAD), at_rest(&TwoElements, &k, &WAY_RAD));
+            for (motion, way) in by_motion.iter().zip(&by_way) {
+                assert!((motion - way).abs() < 3e-3, "{k:?}: {by_motion:?} {by_way:?}");
+            }
         }
-        let dahl = at_rest(&ElasticHysteresis, &[0.5, 0.08], &WAY_RAD);
-        assert!((at_rest(&BoucWen, &[0.5, 0.08, 1.0, 1.0], &WAY_RAD) - dahl).abs() < 1e-3);
-        assert_eq!(at_rest(&BoucWen, &[0.5, 0.002, 2.0, 0.7], &[0.5, -0.5]), -1.0);
+        let dahl = at_rest(&ElasticHysteresis, &[0.5, 0.08], &WAY_RAD)[0];
+        assert!((at_rest(&TwoElements, &[0.5, 0.08, 1.0, 1.0, 0.0, 5.0], &WAY_RAD)[0] - dahl).abs() < 1e-3);
+        assert_eq!(at_rest(&TwoElements, &[0.5, 0.002, 2.0, 0.7, 0.4, 5.0], &[0.5, -0.5]), [-1.0; 2]);
+    }
+
+    #[test]
+    fn two_elements_hold_their_shares_of_the_torque() {
+        let torque = |share: f64| {
+            let mut port = MechanicalPort::at(0.0, 0.0, 0.0);
+            let z = [1.0, 0.25];
+            TwoElements.act(&[0.8, 0.1, 2.0, 0.7, share, 5.0], &z, &mut [0.0; 2], &mut Port::Mechanical(&mut port));
+            port.torque_nm
+        };
+        for (share, expected) in [(0.0, -0.8), (1.0, -0.2), (0.5, -0.5)] {
+            assert!((torque(share) - expected).abs() < 1e-12);
+        }
     }
 
     #[test]
     fn a_way_leads_to_the_state_that_moving_along_it_does() {
         let (k, way) = ([0.5, 0.08], WAY_RAD);
-        let z = moved(&ElasticHysteresis, &k, &way);
+        let z = moved(&ElasticHysteresis, &k, &way)[0];
         assert!((z - led(&way, k[1])).abs() < 2e-3, "{z:?} {}", led(&way, k[1]));
         assert!(
             led(&way, 0.08) < 0.8 && led(&way[..2], 0.08) > 0.99,

@@ -33,7 +33,8 @@ impl Law for StribeckFriction {
         ],
         passive: true,
     };
-    const REFINED: Option<Refined> = Some(Refined { effect: &AnyFall, neutral: &[2.0], starts: &[&[1.0]] });
+    const REFINED: Option<Refined> =
+        Some(Refined { effect: &AnyFall, neutral: &[2.0, 0.0], starts: &[&[1.0, 0.0], &[2.0, 1.0]] });
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Mechanical(m) = port {
@@ -44,19 +45,24 @@ impl Law for StribeckFriction {
     }
 }
 
-/// A peak that falls with velocity in another way.
+/// A peak that falls with velocity in another way: between an exponential and a rational function (Hess and Soom).
 struct AnyFall;
+
+/// The least `q` that is told from 0: there the exponential is met within 1e-6.
+const LEAST_TAIL: f64 = 1e-6;
 
 impl Law for AnyFall {
     const HEADER: Header = Header {
-        equation: "M -= k*exp(-(abs(w)/w_v)^delta)*tanh(w/w_s)",
+        equation: "M -= k*(1 + q*(abs(w)/w_v)^delta)^(-1/q)*tanh(w/w_s); q = 0: k*exp(-(abs(w)/w_v)^delta)*tanh(w/w_s)",
         parameters: &[
             StribeckFriction::HEADER.parameters[0],
             StribeckFriction::HEADER.parameters[1],
             StribeckFriction::HEADER.parameters[2],
             Parameter { name: "delta", unit: "1", lower: 0.4, upper: 4.0, typical: 1.0, size: false },
+            Parameter { name: "q", unit: "1", lower: 0.0, upper: 2.0, typical: 0.5, size: false },
         ],
-        starts: &[&[0.1, 0.2, 0.02, 1.0]],
+        literature: "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994); Hess, Soom, Friction at a lubricated line contact, J. Tribology 112 (1990)",
+        starts: &[&[0.1, 0.2, 0.02, 1.0, 0.0], &[0.3, 0.3, 0.02, 2.0, 1.0]],
         ..StribeckFriction::HEADER
     };
 
@@ -66,7 +72,8 @@ impl Law for AnyFall {
             let fall = w / k[1];
             // the power has a slope at rest as well
             let fallen = (fall * fall + 1e-8).powf(k[3] * 0.5);
-            m.torque_nm -= k[0] * (-fallen).exp() * (w / k[2]).tanh();
+            let tail = k[4] + LEAST_TAIL;
+            m.torque_nm -= k[0] * (-((tail * fallen + 1.0).ln() / tail)).exp() * (w / k[2]).tanh();
         }
     }
 }

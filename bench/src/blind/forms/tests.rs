@@ -44,32 +44,35 @@ fn still(pressure_bar: [f64; 2]) -> Rest<'static, f64> {
 #[test]
 fn hysteresis_saturates_at_its_size_and_rests_where_the_way_there_left_it() {
     let (k, step) = ([0.4, 0.1], 1e-4);
-    let (mut x, mut dx) = ([0.0; 2], [0.0; 2]);
+    let (mut x, mut dx) = ([0.0; 3], [0.0; 3]);
     let way = [0.0f64, 0.6, 0.42, 0.55];
     for leg in way.windows(2) {
         let w = (leg[1] - leg[0]).signum();
         for _ in 0..((leg[1] - leg[0]).abs() / step).round() as usize {
             torque(&StickSlip, &k, (0.0, w), &x, &mut dx);
-            x = [0, 1].map(|i| x[i] + step * dx[i]);
+            x = [0, 1, 2].map(|i| x[i] + step * dx[i]);
             assert!(x.iter().all(|z| z.abs() <= 1.0), "{x:?}");
         }
         if leg[1] == 0.6 {
-            assert!(x.iter().all(|z| *z > 0.99), "after three times the longer way: {x:?}");
-            alike(torque(&StickSlip, &k, (0.0, 0.0), &x, &mut dx), -0.2 * (x[0] + x[1]));
-            assert_eq!(dx, [0.0; 2], "nothing relaxes while the lever stands");
+            assert!(x.iter().all(|z| *z > 0.98), "after twice the longest way: {x:?}");
+            let held = 0.3 * x[0] + 0.4 * x[1] + 0.3 * x[2];
+            alike(torque(&StickSlip, &k, (0.0, 0.0), &x, &mut dx), -k[0] * held);
+            assert_eq!(dx, [0.0; 3], "nothing relaxes while the lever stands");
         }
     }
     let rest = Rest { arrival: Arrival::Led(&way), angle_rad: 0.55, ..still([2.0; 2]) };
-    let mut led = [7.0; 2];
+    let mut led = [7.0; 3];
     StickSlip.rest(&k, &rest, &mut led);
     assert!(led.iter().zip(x).all(|(a, b)| (a - b).abs() < 0.02), "{led:?} for {x:?}");
 }
 
 #[test]
 fn friction_opposes_the_motion_and_falls_as_its_equation_says() {
-    let peak = |w: f64| torque(&StribeckRational, &[0.6, 0.3, 0.002], (0.0, w), &[], &mut []);
-    alike(peak(0.3), -0.3);
-    alike(peak(0.9), -0.06);
+    let peak = |w: f64| torque(&StribeckLogistic, &[0.6, 0.3, 0.002], (0.0, w), &[], &mut []);
+    // 2/(1 + exp(w/w_v)) of it is left
+    for w in [0.3, 0.9] {
+        alike(peak(w), -0.6 * 2.0 / (1.0 + (w / 0.3f64).exp()));
+    }
     let pressed = |w: f64| torque(&PressureFrictionRational, &[0.2, 0.02], (0.0, w), &[], &mut []);
     alike(pressed(0.02), -0.2 * 3.0 * 0.5f64.sqrt());
     assert!((pressed(20.0) + 0.6).abs() < 1e-5);

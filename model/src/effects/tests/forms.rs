@@ -93,18 +93,20 @@ fn a_contact_presses_with_its_power_as_a_linear_one_at_the_usual_depth_at_either
 #[test]
 fn a_friction_s_peak_falls_with_its_power_of_velocity() {
     // far above w_s the sign is all that the smoothing leaves
-    let at = |w: f64, delta: f64| torque("stribeck_friction", &[0.7, 0.5, 0.002, delta], 0.0, w);
+    let at = |w: f64, delta: f64, q: f64| torque("stribeck_friction", &[0.7, 0.5, 0.002, delta, q], 0.0, w);
     for delta in [0.5, 1.0, 2.0, 4.0] {
-        alike(at(0.5, delta), -0.7 * (-1f64).exp());
-        alike(at(1.0, delta), -0.7 * (-2f64.powf(delta)).exp());
-        assert_eq!(at(0.0, delta), 0.0, "at rest it does nothing");
+        alike(at(0.5, delta, 0.0), -0.7 * (-1f64).exp());
+        alike(at(1.0, delta, 0.0), -0.7 * (-2f64.powf(delta)).exp());
+        alike(at(1.0, delta, 1.0), -0.7 / (1.0 + 2f64.powf(delta)));
+        alike(at(1.0, delta, 0.5), -0.7 / (1.0 + 0.5 * 2f64.powf(delta)).powi(2));
+        assert_eq!(at(0.0, delta, 1.0), 0.0, "at rest it does nothing");
     }
 }
 
 #[test]
 fn a_leak_goes_with_its_power_of_pressure_and_what_leaves_one_chamber_enters_the_other() {
     for m in [0.5, 0.7, 1.0] {
-        let cross = |dp: f64| flow("cross_leakage", &[0.3, 1e-3, m], [2.0 + dp, 2.0], &[], &mut []);
+        let cross = |dp: f64| flow("cross_leakage", &[0.3, 1e-3, m, 2.0], [2.0 + dp, 2.0], &[], &mut []);
         let [out, into] = cross(1.0);
         assert_eq!(out, -into);
         alike(out, -0.3);
@@ -116,6 +118,13 @@ fn a_leak_goes_with_its_power_of_pressure_and_what_leaves_one_chamber_enters_the
         alike(outside(4.0)[0] / outside(1.0)[0], 4f64.powf(m));
         assert_eq!(outside(0.0)[0], 0.0, "nothing leaves at ambient pressure");
     }
+    // laminar far below d, turbulent far above it, and between the more gradual the smaller s is
+    let through = |dp: f64, s: f64| -flow("cross_leakage", &[0.3, 0.1, 0.5, s], [2.0 + dp, 2.0], &[], &mut [])[0];
+    for s in [0.7, 1.0, 2.0] {
+        alike(through(1e-6, s) / through(5e-7, s), 2.0);
+        assert!((through(4e4, s) / through(1e4, s) - 2.0).abs() < 1e-3);
+    }
+    assert!(through(0.1, 0.7) < through(0.1, 1.0) && through(0.1, 1.0) < through(0.1, 2.0));
 }
 
 #[test]
