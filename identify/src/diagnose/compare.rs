@@ -274,6 +274,7 @@ pub(super) fn where_they_differ(problem: &Problem, a: &Fit, b: &Fit) -> Result<S
 mod tests {
     use super::*;
     use crate::layout::Layout;
+    use crate::problem::Point;
 
     #[test]
     fn of_the_same_names_the_cheapest_refit_stands() {
