@@ -34,7 +34,13 @@ impl Law for ElasticHysteresis {
     const REFINED: Option<Refined> = Some(Refined {
         effect: &TwoElements,
         neutral: &[1.0, 1.0, 0.0, 5.0],
-        starts: &[&[2.0, 0.75, 0.0, 5.0], &[1.0, 0.6, 0.0, 5.0], &[1.0, 1.0, 0.4, 4.0], &[4.0, 1.0, 0.4, 5.0]],
+        starts: &[
+            &[2.0, 0.75, 0.1, 5.0],
+            &[1.0, 0.6, 0.1, 5.0],
+            &[2.0, 0.75, 0.4, 5.0],
+            &[2.0, 0.75, 0.4, 0.2],
+            &[4.0, 1.0, 0.5, 0.2],
+        ],
     });
 
     fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
@@ -91,10 +97,10 @@ impl Law for TwoElements {
             Parameter { name: "n", unit: "1", lower: 1.0, upper: 6.0, typical: 1.5, size: false },
             Parameter { name: "b", unit: "1", lower: 0.5, upper: 1.0, typical: 0.75, size: false },
             Parameter { name: "share", unit: "1", lower: 0.0, upper: 1.0, typical: 0.4, size: false },
-            Parameter { name: "ratio", unit: "1", lower: 1.5, upper: 50.0, typical: 5.0, size: false },
+            Parameter { name: "ratio", unit: "1", lower: 0.02, upper: 50.0, typical: 5.0, size: false },
         ],
         states: 2,
-        starts: &[&[0.1, 0.1, 2.0, 0.75, 0.0, 5.0], &[1.5, 0.1, 2.0, 0.75, 0.0, 5.0]],
+        starts: &[&[0.1, 0.1, 2.0, 0.75, 0.3, 5.0], &[1.5, 0.1, 2.0, 0.75, 0.3, 5.0]],
         ..ElasticHysteresis::HEADER
     };
 
