@@ -36,14 +36,14 @@ pub struct Part {
 ///
 /// What is no misfit of the plant is taken off: what little is left of the noise's colour at that distance, and what the steps of
 /// an encoder leave that no noise dithers. `colours`: by [`Channel`], where the lever is free. A misfit that swings back within that distance shows as
-/// a product below zero, which no noise has ([`structured`]).
+/// a product further below zero than noise has it ([`structured`]).
 pub fn parts(problem: &Problem, residuals: &[Vec<f64>], colours: &[Colour]) -> Vec<Part> {
     let mut out: Vec<Part> = Vec::new();
     let runs: std::collections::BTreeSet<usize> = problem.stretches.iter().map(|s| s.run).collect();
     let white = Colour::white();
     for run in runs {
         for channel in problem.channels() {
-            let (mut sum, mut noise, mut weight, mut pairs) = (0.0, 0.0, 0.0, 0usize);
+            let (mut sum, mut noise, mut most, mut weight, mut pairs) = (0.0, 0.0, 0.0, 0.0, 0usize);
             let mut error = 0.0;
             let mut free = false;
             let mut protocol = None;
@@ -61,6 +61,7 @@ pub fn parts(problem: &Problem, residuals: &[Vec<f64>], colours: &[Colour]) -> V
                 for (before, after) in own.iter().zip(own.iter().skip(lag)) {
                     sum += residuals[n][*after] * residuals[n][*before];
                     noise += taken;
+                    most += colour.at(0);
                     weight += s.targets[*after].samples as f64;
                     pairs += 1;
                 }
@@ -70,7 +71,7 @@ pub fn parts(problem: &Problem, residuals: &[Vec<f64>], colours: &[Colour]) -> V
                 continue;
             }
             let chance = error * (pairs as f64).sqrt();
-            let total = structured(sum, noise + steps * weight, chance);
+            let total = structured(sum, noise + steps * weight, most, chance);
             let significance = total / chance;
             out.push(Part { run, protocol, free, channel, structured: total / weight, samples: weight, significance });
         }
@@ -78,10 +79,14 @@ pub fn parts(problem: &Problem, residuals: &[Vec<f64>], colours: &[Colour]) -> V
     out
 }
 
-/// Of a sum of products what is more than the sensors' own (`noise`). One that is certainly below zero (`chance`: its standard error if there were no misfit)
-/// is of a misfit that swings: its square is at least as large as any of its products, whatever their sign.
-fn structured(sum: f64, noise: f64, chance: f64) -> f64 {
-    if sum < -CERTAIN * chance { -sum } else { sum - noise }
+/// Of a sum of products what is more than the sensors' own: `noise`, what these leave at the lag that it was taken at. `most`: what they leave at lag 0; `chance`:
+/// the sum's standard error if there were no misfit.
+///
+/// A series' products at a lag are never larger than at lag 0, whatever their sign. So a sum that is below zero by more than the noise has at lag 0 (mains hum that
+/// turns round from block to block has a part of that) is of a misfit that swings, whose square is at least what is beyond.
+fn structured(sum: f64, noise: f64, most: f64, chance: f64) -> f64 {
+    let swings = -sum - most;
+    if swings > CERTAIN * chance { swings } else { sum - noise }
 }
 
 /// How much of a misfit counts: all where the lever is free. Where angle or pressures are inputs their own errors show as misfit too: a fifth (RMS)
@@ -146,10 +151,13 @@ mod tests {
     }
 
     #[test]
-    fn a_misfit_that_swings_back_is_one_and_chance_below_zero_is_none() {
-        assert_eq!(structured(30.0, 2.0, 4.0), 28.0);
-        assert_eq!(structured(-10.0, 2.0, 4.0), -12.0, "two and a half standard errors");
-        assert_eq!(structured(-40.0, 2.0, 4.0), 40.0, "ten");
+    fn a_misfit_that_swings_back_is_one_and_noise_that_does_is_none() {
+        let of = |sum: f64| structured(sum, 2.0, 100.0, 4.0);
+        assert_eq!(of(30.0), 28.0);
+        assert_eq!(of(-10.0), -12.0);
+        assert_eq!(of(-100.0), -102.0, "hum that turns round from block to block, and nothing else");
+        assert_eq!(of(-119.0), -121.0, "which chance may have enlarged");
+        assert_eq!(of(-400.0), 300.0);
     }
 
     #[test]

@@ -115,7 +115,7 @@ impl Law for StickSlip {
     }
 }
 
-/// A peak that falls as a logistic function, most steeply at rest: between an exponential and a hyperbola near it, and an exponential far off.
+/// A peak that falls as a logistic function, 2/(1 + exp(w/w_v)): straight at first, exponentially far off.
 struct StribeckLogistic;
 
 impl Law for StribeckLogistic {

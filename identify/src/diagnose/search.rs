@@ -292,20 +292,15 @@ impl<'a> Search<'a> {
         }
         let Some(best) = refits.first_mut() else { return Ok(None) };
         let seated = self.seated(found, &last.fit, &best.fit, round.scene.fit)?;
-        // the fit to the brief runs stood in the same false minimum
-        let moved = match seated.as_ref().filter(|seated| seated.moved).map(|seated| self.nested(&seated.fit)) {
-            Some(Ok(brief)) if brief.cost < best.fit.cost => {
-                best.fit = brief;
-                true
-            }
-            _ => false,
-        };
+        if let Some(Seated { brief: Some(brief), .. }) = &seated {
+            best.fit = brief.clone();
+        }
         let best = &refits[0];
         let ranked = rank(&self.brief, &refits)?;
         if found.ranking.is_empty() {
             found.ranking = ranked.clone();
         }
-        let Some(Seated { fit, .. }) = seated else { return Ok(None) };
+        let Some(Seated { fit, brief: moved }) = seated else { return Ok(None) };
         let rivals = rivals(&self.brief, &refits, round.scene.fit.cost)?;
         let next_experiment = match rivals.first() {
             Some(rival) => Some(where_they_differ(&self.brief, &best.fit, &rival.fit)?),
@@ -334,7 +329,7 @@ impl<'a> Search<'a> {
         }
         // a name of this round was compared beside the earlier one, unless both are of this round, or that one stood elsewhere
         let mut unseen: Vec<&'static str> = step.names.iter().map(|n| n.effect.header().id).collect();
-        unseen.retain(|id| moved || best.added.len() > 1 || !best.added.contains(id));
+        unseen.retain(|id| moved.is_some() || best.added.len() > 1 || !best.added.contains(id));
         self.reviewed(found, step, best.fit.clone(), &unseen).map(Some)
     }
 

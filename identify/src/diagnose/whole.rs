@@ -14,8 +14,8 @@ const FEW: Effort = Effort { iterations: 3, tolerance: 1e-6, promise: f64::INFIN
 /// A fit in the best minimum that was found for it.
 pub(super) struct Seated {
     pub fit: Fit,
-    /// Not the one that the fit to the brief runs stood in.
-    pub moved: bool,
+    /// The fit to the brief runs that goes with it, where that stood in another minimum.
+    pub brief: Option<Fit>,
 }
 
 impl Search<'_> {
@@ -40,7 +40,9 @@ impl Search<'_> {
             }
             _ => (lead, false),
         };
-        Ok(ended(self.problem, current, start, to_the_end()).map(|fit| Seated { fit, moved }))
+        let Some(fit) = ended(self.problem, current, start, to_the_end()) else { return Ok(None) };
+        let there = if moved { self.nested(&fit).ok() } else { None };
+        Ok(Some(Seated { fit, brief: there.filter(|there| there.cost < brief.cost) }))
     }
 
     /// A few steps on the whole runs from where a guide lets go of the model.
