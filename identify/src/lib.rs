@@ -1,4 +1,8 @@
 //! Identification, free-run validation and diagnosis, offline, from recordings.
+// what makes recordings for the tests in `tests/` names this crate from outside; unit tests use it too
+#[cfg(test)]
+extern crate self as identify;
+
 pub mod analysis;
 pub mod colour;
 pub mod component;
@@ -45,3 +49,7 @@ pub mod torque_form;
 pub mod uncertainty;
 pub mod validate;
 pub mod whiteness;
+
+#[cfg(test)]
+#[path = "../tests/common/mod.rs"]
+mod common;

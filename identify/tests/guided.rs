@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::{dynamic, layout, problem};
+use common::{dynamic, layout, problem, run};
 use identify::diagnose::{Declared, Verdict, diagnose_declared};
 use identify::fit::{Effort, Fit, fit};
 use identify::guide::Guide;
@@ -124,4 +124,32 @@ fn a_gross_friction_is_named_and_nothing_beside_it() {
     for (v, k) in after[after.len() - 3..].iter().zip(RUBS) {
         assert!((v / k - 1.0).abs() < 0.05, "{v} for {k}");
     }
+}
+
+/// Names that a diagnosis gives to a gross friction peak beside a lag of both pressure sensors.
+fn named_beside_a_lag(tau_s: f64) -> Vec<&'static str> {
+    let truth = Parameters::example();
+    let (friction, lag) = (find("stribeck_friction").unwrap(), find("pressure_lag").unwrap());
+    let effects = || vec![(friction, RUBS.to_vec()), (lag, vec![tau_s, tau_s])];
+    let problem = problem(&[7, 8, 9].map(|seed| run(&truth, effects(), 16.0, seed)));
+    let layout = layout(&truth);
+    let component = layout.vector_of(&truth);
+    let bent = fit(&problem, &layout, problem.point(component.clone()), Effort::default()).unwrap();
+    let library = ["stribeck_friction", "pressure_friction", "backlash", "pressure_lag"].map(|id| find(id).unwrap());
+    let base = Declared { problem: &problem, fit: &bent, component: &component };
+    let found = diagnose_declared(&library, &base, &|text| println!("{text}")).unwrap();
+    let mut names: Vec<&str> = found.effects.iter().map(|a| a.effect.header().id).collect();
+    names.sort_unstable();
+    assert!(found.after.cost < 1.1 * problem.targets() as f64, "{names:?}: {}", found.after.cost);
+    names
+}
+
+#[test]
+fn a_lag_beside_a_gross_friction_is_named() {
+    assert_eq!(named_beside_a_lag(0.006), ["pressure_lag", "stribeck_friction"]);
+}
+
+#[test]
+fn a_gross_friction_beside_a_lag_that_shows_first_is_led_to_although_the_lag_leads_nowhere() {
+    assert_eq!(named_beside_a_lag(0.025), ["pressure_lag", "stribeck_friction"]);
 }

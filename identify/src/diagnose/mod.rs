@@ -209,12 +209,12 @@ pub fn diagnose_declared(
             }
             search.round(&mut found, &first)?
         } else {
-            if search.is_lost(&found) {
-                break;
-            }
             let nested = search.nested(&found.last().fit)?;
             let open = search.open(&nested);
             let round = Round::new(&search.brief, &nested, open.into_iter())?;
+            if search.is_lost(&found) && !search.leads_out(&round)? {
+                break;
+            }
             if !search.calls_for(&found, &round) || search.is_settled(&found, &round)? {
                 break;
             }

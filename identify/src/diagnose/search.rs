@@ -250,6 +250,14 @@ impl<'a> Search<'a> {
         misfit::largest(&left) > GROSS && misfit::total(&left) > (1.0 - LOST) * before && of_cost < LOST
     }
 
+    /// Beside a name that does not lead out of a gross misfit a candidate takes away most of what is missing under the guide.
+    pub fn leads_out(&self, round: &Round) -> Result<bool, SimulationError> {
+        let Some(guided) = round.guided(self) else { return Ok(false) };
+        let open = self.open(round.scene.fit);
+        let Some(linearly) = UnderGuide::of(guided, &open)?.filter(|under| under.shows) else { return Ok(false) };
+        Ok(linearly.takes_most() || UnderGuide::led(guided, &round.shortlist(&open, 6)).takes_most())
+    }
+
     /// What is left is a matter of the form of what is named ([`matter_of_form`]).
     pub fn is_settled(&self, found: &Found, round: &Round) -> Result<bool, SimulationError> {
         let total = |step: &Step| misfit::total(&self.left(found, step));

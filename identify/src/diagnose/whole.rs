@@ -5,7 +5,7 @@ use model::integrate::SimulationError;
 use super::LOST;
 use super::compare::{guided, to_the_end};
 use super::search::{Found, Search, is_gross};
-use crate::fit::{Effort, Fit};
+use crate::fit::{Effort, Fit, fit};
 use crate::problem::{Point, Problem};
 
 /// Tells which start leads.
@@ -46,9 +46,9 @@ impl Search<'_> {
     }
 
     /// A few steps on the whole runs from where a guide lets go of the model.
-    fn let_go(&self, fit: &Fit) -> Option<Fit> {
-        let theta = guided(self.problem, fit, self.component)?.let_go()?;
-        crate::fit::fit(self.problem, &fit.layout, self.problem.point(theta), FEW).ok()
+    fn let_go(&self, lead: &Fit) -> Option<Fit> {
+        let theta = guided(self.problem, lead, self.component)?.let_go()?;
+        fit(self.problem, &lead.layout, self.problem.point(theta), FEW).ok()
     }
 }
 
@@ -74,21 +74,52 @@ fn lead(problem: &Problem, current: &Fit, component: &[f64], brief: &Fit) -> Opt
     let mut from_component = from_current.clone();
     from_component.theta[..component.len()].copy_from_slice(component);
     from_component.initial.iter_mut().for_each(|values| values.fill(0.0));
-    let led = crate::fit::fit(problem, &brief.layout, brief.point.clone(), FEW);
+    let led = fit(problem, &brief.layout, brief.point.clone(), FEW);
     if let Err(error) = &led {
         tracing::debug!(%error, "a brief fit can't be simulated on the whole runs");
     }
     let mut tried: Vec<Fit> = led.into_iter().collect();
     if tried.first().is_none_or(|fit| fit.cost > current.cost) {
         let more = [from_current, from_component];
-        tried.extend(more.into_iter().filter_map(|p| crate::fit::fit(problem, &brief.layout, p, FEW).ok()));
+        tried.extend(more.into_iter().filter_map(|p| fit(problem, &brief.layout, p, FEW).ok()));
     }
     tried.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost))
 }
 
 /// At its minimum; `None` where that is above the current model's.
 fn ended(problem: &Problem, current: &Fit, lead: Fit, to_the_end: Effort) -> Option<Fit> {
-    let fit = crate::fit::fit(problem, &lead.layout, lead.point, to_the_end).ok()?;
+    let fit = fit(problem, &lead.layout, lead.point, to_the_end).ok()?;
     tracing::debug!(cost = fit.cost, converged = fit.converged, current = current.cost, "on the whole runs");
     (fit.cost < current.cost).then_some(fit)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::common::{dynamic, layout, problem};
+    use crate::diagnose::Declared;
+    use model::Parameters;
+    use model::effects::find;
+
+    #[test]
+    fn a_gross_fit_in_a_false_minimum_is_led_out_of_it_and_the_brief_one_follows() {
+        let truth = Parameters::example();
+        let friction = find("stribeck_friction").unwrap();
+        let runs = [7, 8, 9].map(|seed| dynamic(&truth, Some((friction, vec![1.5, 0.2, 0.02])), 12.0, seed));
+        let (problem, layout) = (problem(&runs), layout(&truth));
+        let component = layout.vector_of(&truth);
+        let bent = fit(&problem, &layout, problem.point(component.clone()), Effort::default()).unwrap();
+        let base = Declared { problem: &problem, fit: &bent, component: &component };
+        let search = Search::new(&[], &base, &|_| ());
+        let found = search.start().unwrap();
+        let without = search.nested(&bent).unwrap();
+        let mut point = without.point.clone();
+        point.theta.extend([0.1, 0.8, 0.02]);
+        let brief = fit(&search.brief, &layout.with(friction), point, Effort::default()).unwrap();
+        let seated = search.seated(&found, &bent, &brief, &without).unwrap().unwrap();
+        let targets = |problem: &Problem| 1.1 * problem.targets() as f64;
+        assert!(brief.cost > 10.0 * targets(&search.brief), "a free run finds it as well: {}", brief.cost);
+        assert!(seated.fit.cost < targets(&problem), "{}", seated.fit.cost);
+        assert!(seated.brief.is_some_and(|led| led.cost < targets(&search.brief)));
+    }
 }

@@ -32,9 +32,14 @@ pub fn dynamic(
     seconds: f64,
     seed: u64,
 ) -> Recording {
+    run(truth, effect.into_iter().collect(), seconds, seed)
+}
+
+/// [`dynamic`] with any number of effects.
+pub fn run(truth: &Parameters, effects: Vec<(&'static dyn Effect, Vec<f64>)>, seconds: f64, seed: u64) -> Recording {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let normal = Normal::new(0.0, 1.0).unwrap();
-    let effects = EffectSet::new(STATES, effect);
+    let effects = EffectSet::new(STATES, effects);
     let k = truth.to_vector();
     let mut x = vec![0.0; STATES + effects.states];
     x[state::PRESSURE1] = 2.8;
