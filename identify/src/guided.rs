@@ -58,8 +58,12 @@ const MORE: usize = 5;
 const GLANCE: Effort = Effort { iterations: 3, ..LEAD };
 /// and so many are.
 const WORTH: usize = 2;
+/// Where what is missing does not show, an effect that takes away less than this share of it from each start in a glance is not followed further.
+const HOPE: f64 = 0.02;
 /// Cost a target under the tightest guide from which what is missing shows there; noise alone leaves 1.
 pub const SHOWS: f64 = 5.0;
+/// Cost a target there from which something is missing at all.
+const LACKS: f64 = 2.0;
 /// An effect that leaves so many times what another one leaves under the tightest guide, after a few steps, does not catch up with it.
 const BEHIND: f64 = 20.0;
 /// From no more where a few steps take away this share of what is missing: a false minimum leaves more.
@@ -98,12 +102,18 @@ impl Guided {
         self.problems.first().and_then(of).map_or(f64::INFINITY, |led| led.cost)
     }
 
+    /// As much is missing under the tightest guide as noise leaves there.
+    pub fn lacks(&self) -> bool {
+        self.tightest().is_some_and(|(problem, fit)| fit.cost > LACKS * problem.targets() as f64)
+    }
+
     /// An effect added, led from the best of its starts, where the guide lets go; `None` where it leads nowhere, or far less far than one that leaves
     /// `beside` under the tightest guide.
     pub fn led(&self, effect: &'static dyn Effect, beside: f64) -> Option<Led> {
         let tight = self.problems.first()?;
-        // where nothing shows there is nothing to be led by, but for an effect that shows
-        if !self.shows() && self.linearly(effect)? < LEADS {
+        // where nothing shows there is nothing to be led by, but for an effect that shows, or one whose first steps were asked for
+        let asked = self.stepped.lock().unwrap_or_else(PoisonError::into_inner).contains_key(effect.header().id);
+        if !asked && !self.shows() && self.linearly(effect)? < LEADS {
             return None;
         }
         let leads = |led: &Fit| self.share_of_missing(led.cost) > LEADS && led.cost < BEHIND * beside;
@@ -169,7 +179,14 @@ impl Guided {
         let mut starts = [self.starts(&layout, effect, at_fit), self.starts(&layout, effect, unbent)];
         let first = starts.iter_mut().zip(FIRST).flat_map(|(s, n)| s.drain(..n.min(s.len())).collect::<Vec<_>>());
         let points: Vec<Point> = first.map(|(_, point)| point).collect();
-        let lowest = best(points.into_iter().filter_map(|point| fit(tight, &layout, point, FEW).ok()))?;
+        let lowest = if self.shows() {
+            best(points.into_iter().filter_map(|point| fit(tight, &layout, point, FEW).ok()))?
+        } else {
+            let glanced: Vec<Fit> = points.into_iter().filter_map(|p| fit(tight, &layout, p, GLANCE).ok()).collect();
+            let hopeless = glanced.iter().all(|led| self.share_of_missing(led.cost) < HOPE);
+            let further = |led: Fit| if hopeless { Some(led) } else { fit(tight, &layout, led.point, FEW).ok() };
+            best(glanced.into_iter().filter_map(further))?
+        };
         Some((lowest, starts.concat()))
     }
 

@@ -17,7 +17,7 @@ use super::{
 };
 use crate::colour::{Colour, colours};
 use crate::fit::Fit;
-use crate::guided::{Guided, SHOWS};
+use crate::guided::{Guided, LEADS, SHOWS};
 use crate::identification::covariance_of;
 use crate::misfit::{self, Part};
 use crate::problem::Problem;
@@ -219,15 +219,20 @@ impl<'a> Search<'a> {
         let shortlist = round.shortlist(open, if bases.gross { 6 } else { 5 });
         let Some(guided) = bases.guided else { return Ok(shortlist) };
         let Some(mut under) = UnderGuide::of(guided, open)? else { return Ok(shortlist) };
+        let in_free_run = open.iter().map(|e| round.gram.gain(&round.of(e.header().id)) / bases.scene.fit.cost);
+        let in_free_run = in_free_run.fold(0.0, f64::max);
         if !under.shows {
-            return Ok(under.joined(shortlist));
+            let shortlist = under.joined(shortlist);
+            // friction of another kind than the model's leaves little under a guide once the model's has bent to it, and a free run that is elsewhere
+            let hidden = bases.gross && guided.lacks() && !under.leads() && in_free_run < LEADS;
+            let led = hidden.then(|| UnderGuide::led(guided, &shortlist)).filter(UnderGuide::takes_most);
+            return Ok(led.map_or(shortlist.clone(), |led| led.narrow(shortlist, in_free_run)));
         }
         if !under.leads() {
             // friction of another kind than the model's acts as no little of it would
             under = UnderGuide::led(guided, &shortlist);
         }
-        let in_free_run = open.iter().map(|e| round.gram.gain(&round.of(e.header().id)) / bases.scene.fit.cost);
-        let narrowed = under.narrow(shortlist, in_free_run.fold(0.0, f64::max));
+        let narrowed = under.narrow(shortlist, in_free_run);
         if narrowed.is_empty() {
             (self.progress)("no candidate leads where the simulation follows what was measured");
         }
