@@ -65,7 +65,7 @@ fn an_effect_takes_its_general_form_where_it_needs_one() {
     takes("brake_valve_lag", &[0.02, 0.02], &[&[0.06, 0.04, 0.35], &[0.06, 0.04]]);
     takes("pump_lag", &[0.01], &[&[0.014, 0.6, 0.15], &[0.02]]);
     takes("line_inertance", &[0.03], &[&[0.03, 0.002, 0.0], &[0.1]]);
-    takes("pressure_lag", &[0.02, 0.02], &[&[0.05, 0.04, 0.5], &[0.05, 0.03]]);
+    takes("pressure_lag", &[0.02, 0.02], &[&[0.05, 0.04, 0.5, 0.0], &[0.3, 0.25, 0.06, 0.6], &[0.05, 0.03]]);
 }
 
 /// Fits the library's form of an effect, from `start`, to each sealed one: that of its general form where it has more parameters.

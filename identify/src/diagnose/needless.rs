@@ -43,13 +43,18 @@ fn needless(problem: &Problem, fit: &Fit, n: usize) -> Result<Option<Fit>, Simul
     let left = problem.residuals(&less.layout, &less.point)?;
     let (_, worse) = advantage(&left, &with, &clusters, count);
     let does = does(problem, &with, &left, &colours(problem, &with));
-    tracing::info!(name = fit.layout.effects[n].header().id, worse, does, "is the name needed");
-    Ok((!is_needed(worse, does)).then_some(less))
+    let of_cost = 1.0 - fit.cost / less.cost;
+    tracing::info!(name = fit.layout.effects[n].header().id, worse, does, of_cost, "is the name needed");
+    Ok((!is_needed(worse, does, of_cost)).then_some(less))
 }
 
-/// A name without which the fit is `worse`, in standard errors by clusters, and that `does` so much, in noise floors.
-fn is_needed(worse: f64, does: f64) -> bool {
-    worse >= PREFERRED && does >= MATERIAL
+/// Share of the cost that matters: a tenth more of it is a third of a noise floor where the rest is noise, and more where it is not.
+const OF_COST: f64 = 0.1;
+
+/// A name without which the fit is `worse`, in standard errors by clusters, and that `does` so much, in noise floors, or takes away this share of the cost:
+/// of a gross misfit that swings in free run the structured residual says little.
+fn is_needed(worse: f64, does: f64, of_cost: f64) -> bool {
+    worse >= PREFERRED && (does >= MATERIAL || of_cost >= OF_COST)
 }
 
 /// Structured residual (noise floors, of all runs and channels) that an effect takes away. `with`, `left`: residuals with it and without.
@@ -64,9 +69,10 @@ mod tests {
 
     #[test]
     fn a_needed_name_is_certain_and_matters() {
-        assert!(is_needed(5.0, 0.3));
-        assert!(!is_needed(1.0, 0.3), "chance may do as much");
-        assert!(!is_needed(8.0, 0.001), "chance may do as little everywhere");
-        assert!(!is_needed(-2.0, 0.0));
+        assert!(is_needed(5.0, 0.3, 0.01));
+        assert!(!is_needed(1.0, 0.3, 0.5), "chance may do as much");
+        assert!(!is_needed(8.0, 0.001, 0.001), "chance may do as little everywhere");
+        assert!(is_needed(3.2, 0.0, 0.18), "a gross misfit that swings");
+        assert!(!is_needed(-2.0, 0.0, -0.1));
     }
 }

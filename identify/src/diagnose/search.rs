@@ -12,8 +12,8 @@ use super::round::Round;
 use super::under_guide::UnderGuide;
 use super::whole::Seated;
 use super::{
-    BRIEF_S, CLEAR, Declared, EXPLAINED, GROSS, LEVEL, LOST, MATERIAL, PREFERRED, Ranked, SHORT_S, SUBSTANTIAL,
-    most_names,
+    BRIEF_S, CLEAR, CONSISTENT, Declared, EXPLAINED, GROSS, LEVEL, LOST, MATERIAL, PREFERRED, Ranked, SHORT_S,
+    SUBSTANTIAL, most_names,
 };
 use crate::colour::{Colour, colours};
 use crate::fit::Fit;
@@ -28,10 +28,14 @@ use crate::shapes;
 const A_GOOD_PART: f64 = 0.5;
 
 /// What names leave, `of_whole` as a share of what there was, is no substantial part of it, so a second name would have to do nearly all of it; and no
-/// candidate does a good part of it even linearly (`linearly`, as a share of what is left).
-fn matter_of_form(of_whole: f64, linearly: f64) -> bool {
-    of_whole < SUBSTANTIAL && linearly < A_GOOD_PART
+/// candidate does a good part of it even linearly (`linearly`, as a share of what is left). Or it is a tenth of the amplitude of the whole, as another form
+/// leaves, and hardly more than noise (`largest`, noise floors): whatever does all of that, it is no second effect.
+fn matter_of_form(of_whole: f64, linearly: f64, largest: f64) -> bool {
+    (of_whole < SUBSTANTIAL && linearly < A_GOOD_PART) || (of_whole < FORM_OF_ONE && largest < CONSISTENT)
 }
+
+/// Share of the whole, a tenth of its amplitude, that the form of a name may leave.
+const FORM_OF_ONE: f64 = 0.01;
 
 /// A fit is so far from the noise that a free run may be elsewhere than the rig was. Friction that stops the lever a little aside leaves no gross structured
 /// residual in any channel, and many noise variances a target all the same.
@@ -257,16 +261,17 @@ impl<'a> Search<'a> {
 
     /// Beside a name that does not lead out of a gross misfit a candidate takes away most of what is missing under the guide.
     pub fn leads_out(&self, round: &Round) -> Result<bool, SimulationError> {
-        let Some(guided) = round.guided(self) else { return Ok(false) };
+        let Some(guided) = round.guided(self).filter(|guided| guided.lacks()) else { return Ok(false) };
         let open = self.open(round.scene.fit);
-        let Some(linearly) = UnderGuide::of(guided, &open)?.filter(|under| under.shows) else { return Ok(false) };
-        Ok(linearly.takes_most() || UnderGuide::led(guided, &round.shortlist(&open, 6)).takes_most())
+        let Some(linearly) = UnderGuide::of(guided, &open)? else { return Ok(false) };
+        Ok(linearly.takes_most() || UnderGuide::led(guided, &linearly.joined(round.shortlist(&open, 6))).takes_most())
     }
 
     /// What is left is a matter of the form of what is named ([`matter_of_form`]).
     pub fn is_settled(&self, found: &Found, round: &Round) -> Result<bool, SimulationError> {
-        let total = |step: &Step| misfit::total(&self.left(found, step));
-        let of_whole = total(found.last()) / total(&found.steps[0]);
+        let of = self.left(found, found.last());
+        let (of_whole, largest) =
+            (misfit::total(&of) / misfit::total(&self.left(found, &found.steps[0])), misfit::largest(&of));
         let fit = round.scene.fit;
         let residual = self.brief.residuals(&fit.layout, &fit.point)?;
         let left = misfit::cost(&misfit::parts(&self.brief, &residual, &found.colours));
@@ -274,8 +279,8 @@ impl<'a> Search<'a> {
             round.gram.gain(&set.iter().flat_map(|e| round.of(e.header().id)).collect::<Vec<_>>())
         };
         let most = round.shortlist(&self.open(fit), 3).into_iter().map(gain).fold(0.0, f64::max);
-        tracing::info!(of_whole, left, most, "what a second name could do, linearly");
-        Ok(matter_of_form(of_whole, most / left))
+        tracing::info!(of_whole, largest, left, most, "what a second name could do, linearly");
+        Ok(matter_of_form(of_whole, most / left, largest))
     }
 
     /// How many names what the reference model leaves can bear.
@@ -398,9 +403,11 @@ mod tests {
 
     #[test]
     fn what_no_candidate_does_a_good_part_of_is_a_matter_of_form_unless_it_is_much() {
-        assert!(matter_of_form(0.001, 0.1));
-        assert!(!matter_of_form(0.1, 0.1), "much is left: two may act");
-        assert!(!matter_of_form(0.001, 0.9), "a candidate does nearly all that is left");
-        assert!(!matter_of_form(f64::NAN, f64::NAN), "nothing was there");
+        assert!(matter_of_form(0.001, 0.1, 2.0));
+        assert!(!matter_of_form(0.1, 0.1, 2.0), "much is left: two may act");
+        assert!(!matter_of_form(0.001, 0.9, 2.0), "a candidate does nearly all that is left");
+        assert!(matter_of_form(0.004, 1.0, 0.16), "which is hardly more than noise, and little of the whole");
+        assert!(!matter_of_form(0.02, 1.0, 0.3), "a seventh of the amplitude");
+        assert!(!matter_of_form(f64::NAN, f64::NAN, 0.0), "nothing was there");
     }
 }

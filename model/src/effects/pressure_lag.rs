@@ -26,7 +26,8 @@ impl Law for PressureLag {
         starts: &[&[0.005, 0.0], &[0.0, 0.005], &[0.005, 0.005], &[0.05, 0.0], &[0.0, 0.05], &[0.2, 0.2]],
         passive: false,
     };
-    const REFINED: Option<Refined> = Some(Refined { effect: &Swinging, neutral: &[0.0], starts: &[&[0.2], &[0.5]] });
+    const REFINED: Option<Refined> =
+        Some(Refined { effect: &SecondOrder, neutral: &[0.0, 0.0], starts: &[&[0.2, 0.0], &[0.5, 0.0], &[0.05, 0.5]] });
 
     fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Sensor(s) = port {
@@ -41,20 +42,28 @@ impl Law for PressureLag {
     }
 }
 
-/// A sensor that has a mass, or oil in its bore, to move: it swings, or is slow twice.
-struct Swinging;
+/// A sensor that has a mass, or oil in its bore, to move: it swings, or is slow twice. Or one that shows a part of the pressure at once and the rest late, as where
+/// its membrane creeps: two lags side by side are two in a row with a zero.
+struct SecondOrder;
 
-impl Law for Swinging {
+impl Law for SecondOrder {
     const HEADER: Header = Header {
-        equation: "z*tau_i^2*y_i'' + tau_i*y_i' + y_i = p_i; sensor i = 1, 2 shows y_i",
-        validity: "second order, alike in both sensors: two equal lags at z = 0.25, damping 1/(2*sqrt(z))",
+        equation: "z*tau_i^2*y_i'' + tau_i*y_i' + y_i = p_i; sensor i = 1, 2 shows y_i + c*tau_i*y_i'",
+        validity: "second order, alike in both sensors: two equal lags in a row at z = 0.25, damping 1/(2*sqrt(z)); side by side, shares b and 1-b of lags T1 and T2: tau = T1+T2, z = T1*T2/tau^2, c = (b*T2 + (1-b)*T1)/tau",
         parameters: &[
             PressureLag::HEADER.parameters[0],
             PressureLag::HEADER.parameters[1],
             Parameter { name: "z", unit: "1", lower: 0.0, upper: 2.0, typical: 0.25, size: false },
+            Parameter { name: "c", unit: "1", lower: 0.0, upper: 1.0, typical: 0.5, size: false },
         ],
         states: 4,
-        starts: &[&[0.03, 0.0, 0.25], &[0.0, 0.03, 0.25], &[0.03, 0.03, 0.5]],
+        starts: &[
+            &[0.03, 0.0, 0.25, 0.0],
+            &[0.0, 0.03, 0.25, 0.0],
+            &[0.03, 0.03, 0.5, 0.0],
+            &[0.2, 0.0, 0.05, 0.5],
+            &[0.0, 0.2, 0.05, 0.5],
+        ],
         ..PressureLag::HEADER
     };
 
@@ -63,7 +72,7 @@ impl Law for Swinging {
             for i in 0..2 {
                 let (rates, shown) = second_order(k[i], k[i] * k[2], s.pressure_bar[i], [x[i], x[2 + i]]);
                 (dx[i], dx[2 + i]) = (rates[0], rates[1]);
-                s.pressure_bar[i] = shown;
+                s.pressure_bar[i] = shown + k[3] * rates[0] * k[i];
             }
         }
     }
