@@ -357,13 +357,13 @@ fn friction_by_pressure_grows_with_its_power_of_load_and_its_share_of_speed() {
 }
 
 #[test]
-fn a_sensor_of_second_order_is_late_by_its_time_and_swings_where_its_mass_is_large() {
+fn a_sensor_of_second_order_is_late_by_its_time_swings_where_its_mass_is_large_and_may_have_two_lags_side_by_side() {
     // pressures after a step of 1 bar at each 0.05 ms
-    let stepped = |tau: f64, z: f64| {
+    let stepped = |tau: f64, z: f64, c: f64| {
         let (mut x, mut dx) = ([2.0, 3.0, 0.0, 0.0], [0.0; 4]);
         let step = |_| {
             let mut s = SensorPort { time_s: 1.0, angle_deg: 0.0, pressure_bar: [3.0, 3.0] };
-            general("pressure_lag").act_value(&[tau, 0.0, z], &x, &mut dx, &mut Port::Sensor(&mut s));
+            general("pressure_lag").act_value(&[tau, 0.0, z, c], &x, &mut dx, &mut Port::Sensor(&mut s));
             x.iter_mut().zip(&dx).for_each(|(x, d)| *x += 5e-5 * d);
             assert_eq!(s.pressure_bar[1], 3.0, "the other sensor is fast");
             s.pressure_bar[0] - 2.0
@@ -371,7 +371,7 @@ fn a_sensor_of_second_order_is_late_by_its_time_and_swings_where_its_mass_is_lar
         (0..20_000).map(step).collect::<Vec<f64>>()
     };
     for z in [0.0, 0.25, 0.5, 1.0] {
-        let shown = stepped(0.03, z);
+        let shown = stepped(0.03, z, 0.0);
         let late_s = shown.iter().map(|y| (1.0 - y) * 5e-5).sum::<f64>();
         assert!((late_s - 0.03).abs() < 2e-4, "{late_s}");
         // overshoot of a second order system of damping D = 1/(2*sqrt(z))
@@ -379,5 +379,14 @@ fn a_sensor_of_second_order_is_late_by_its_time_and_swings_where_its_mass_is_lar
         let d = 0.5 / z.sqrt();
         let expected = if d < 1.0 { (-std::f64::consts::PI * d / (1.0 - d * d).sqrt()).exp() } else { 0.0 };
         assert!((overshoot - expected).abs() < 0.01, "{overshoot} for {expected}");
+    }
+    // 0.7 of it by a lag of 10 ms, the rest by one of 80 ms
+    let (b, fast_s, slow_s) = (0.7, 0.01, 0.08);
+    let tau: f64 = fast_s + slow_s;
+    let shown = stepped(tau, fast_s * slow_s / (tau * tau), (b * slow_s + (1.0 - b) * fast_s) / tau);
+    for (n, y) in shown.iter().enumerate() {
+        let t = n as f64 * 5e-5;
+        let expected = 1.0 - b * (-t / fast_s).exp() - (1.0 - b) * (-t / slow_s).exp();
+        assert!((y - expected).abs() < 0.01, "at {t} s: {y} for {expected}");
     }
 }
