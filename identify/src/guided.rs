@@ -66,6 +66,12 @@ pub const SHOWS: f64 = 5.0;
 const LACKS: f64 = 2.0;
 /// An effect that leaves so many times what another one leaves under the tightest guide, after a few steps, does not catch up with it.
 const BEHIND: f64 = 20.0;
+/// Factors by which a shape leaps to where another minimum may be,
+const LEAPS: [f64; 4] = [1.0 / 16.0, 0.25, 4.0, 16.0];
+/// which it is where a glance leaves less than so many times as much,
+const NEAR: f64 = 4.0;
+/// and so many of them are followed.
+const FOLLOWED: usize = 3;
 /// From no more where a few steps take away this share of what is missing: a false minimum leaves more.
 const ALL_BUT: f64 = 0.95;
 
@@ -86,9 +92,41 @@ impl Guided {
         self.problems.first().map(|problem| (problem, &self.fit))
     }
 
-    /// Parameters of the model where the guide lets go.
-    pub fn let_go(&self) -> Option<Vec<f64>> {
-        self.let_go_from(self.fit.clone())
+    /// Parameters of the model where the guide lets go: from its fit, and from where a leap in one of its effects' shapes leads.
+    ///
+    /// Two frictions that both turn round at rest have a minimum where each takes the other's velocity. Under the guide it is hardly higher; in free run the lever
+    /// then rests elsewhere, so only that can tell which one it is.
+    pub fn let_go(&self) -> Vec<Vec<f64>> {
+        let tight = [self.fit.clone()].into_iter().chain(self.in_other_shapes());
+        tight.filter_map(|led| self.let_go_from(led)).collect()
+    }
+
+    /// The model with one shape of an effect far from where it is, a few steps on under the tightest guide: those that may lead to another minimum.
+    fn in_other_shapes(&self) -> Vec<Fit> {
+        let Some((tight, here)) = self.tightest() else { return Vec::new() };
+        let bounds = here.layout.bounds();
+        let effects = here.layout.effects.iter().enumerate();
+        let shapes = effects.flat_map(|(n, effect)| {
+            let own = effect.header().parameters.iter().enumerate().filter(|(_, p)| !p.size);
+            own.map(move |(i, _)| here.layout.first_of(n) + i)
+        });
+        let leaps = shapes.flat_map(|i| {
+            let (lower, upper) = bounds[i];
+            let mut values = LEAPS.map(|factor| (factor * here.point.theta[i]).clamp(lower, upper)).to_vec();
+            values.dedup();
+            values.retain(|value| *value != here.point.theta[i]);
+            values.into_iter().map(move |value| (i, value))
+        });
+        let landed = leaps.filter_map(|(i, value)| {
+            let mut point = here.point.clone();
+            point.theta[i] = value;
+            fit(tight, &here.layout, point, GLANCE).ok()
+        });
+        let mut landed: Vec<Fit> = landed.filter(|led| led.cost < NEAR * here.cost).collect();
+        landed.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        tracing::debug!(here = here.cost, landed = ?landed.iter().map(|led| led.cost).collect::<Vec<_>>(), "leaps");
+        landed.truncate(FOLLOWED);
+        landed.into_iter().filter_map(|led| fit(tight, &here.layout, led.point, FEW).ok()).collect()
     }
 
     /// What is missing shows under the tightest guide.

@@ -153,3 +153,29 @@ fn a_lag_beside_a_gross_friction_is_named() {
 fn a_gross_friction_beside_a_lag_that_shows_first_is_led_to_although_the_lag_leads_nowhere() {
     assert_eq!(named_beside_a_lag(0.025), ["pressure_lag", "stribeck_friction"]);
 }
+
+#[test]
+fn frictions_that_stand_in_each_other_s_place_change_places_where_the_guide_lets_go() {
+    let truth = Parameters::example();
+    let friction = find("stribeck_friction").unwrap();
+    let values = [1.1, 0.06, 0.004];
+    let problem = problem(&[7, 8].map(|seed| dynamic(&truth, Some((friction, values.to_vec())), 12.0, seed)));
+    let with = layout(&truth).with(friction);
+    let mut known = layout(&truth).vector_of(&truth);
+    known.extend(values);
+    let a = with.names().iter().position(|n| n == "a").unwrap();
+    let w_s = with.first_of(0) + 2;
+    // which velocity belongs to which of them
+    let mut swapped = known.clone();
+    (swapped[a], swapped[w_s]) = (known[w_s], known[a]);
+    let tight = problem.guided(Guide { lever_s: 0.03, pressure_s: 0.1 }).unwrap();
+    let there = |theta: &[f64]| fit(&tight, &with, tight.point(theta.to_vec()), Effort::default()).unwrap();
+    let (right, wrong) = (there(&known), there(&swapped));
+    assert!(right.cost + 20.0 < wrong.cost, "a minimum of its own: {} {}", right.cost, wrong.cost);
+    let from = &wrong.point.theta;
+    let starts = Guided::new(&problem, &with, from, from).unwrap().let_go();
+    let free = |theta: &Vec<f64>| fit(&problem, &with, problem.point(theta.clone()), Effort::default()).unwrap();
+    let costs: Vec<f64> = starts.iter().map(|theta| free(theta).cost / problem.targets() as f64).collect();
+    assert!(costs[0] > 1.2, "the guide lets go of the wrong one as well: {costs:?}");
+    assert!(costs.iter().any(|cost| *cost < 1.1), "{costs:?}");
+}

@@ -45,10 +45,14 @@ impl Search<'_> {
         Ok(Some(Seated { fit, brief: there.filter(|there| there.cost < brief.cost) }))
     }
 
-    /// A few steps on the whole runs from where a guide lets go of the model.
+    /// A few steps on the whole runs from where a guide lets go of the model: the best of them.
     fn let_go(&self, lead: &Fit) -> Option<Fit> {
-        let theta = guided(self.problem, lead, self.component)?.let_go()?;
-        fit(self.problem, &lead.layout, self.problem.point(theta), FEW).ok()
+        let starts = guided(self.problem, lead, self.component)?.let_go();
+        let led =
+            starts.into_iter().filter_map(|theta| fit(self.problem, &lead.layout, self.problem.point(theta), FEW).ok());
+        let led: Vec<Fit> = led.collect();
+        tracing::debug!(lead = lead.cost, costs = ?led.iter().map(|fit| fit.cost).collect::<Vec<_>>(), "the guide lets go");
+        led.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost))
     }
 }
 
