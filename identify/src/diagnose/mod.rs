@@ -194,8 +194,10 @@ pub fn diagnose_declared(
     progress("candidates scored");
     let mut found = search.start()?;
     for number in 0..MOST_ROUNDS {
-        let largest = misfit::largest(&found.parts(search.problem, found.last()));
-        tracing::info!(number, largest, "structured residual, noise floors");
+        let parts = found.parts(search.problem, found.last());
+        let largest = misfit::largest(&parts);
+        let leads = misfit::leading(&parts).map(|part| (part.protocol, part.channel, part.structured.sqrt()));
+        tracing::info!(number, largest, ?leads, "structured residual, noise floors");
         // what is left of an effect whose form differs a little is not a second effect
         if found.last().names.len() >= search.most_names(&found)
             || largest < if number == 0 { MATERIAL } else { SECOND }

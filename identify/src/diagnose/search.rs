@@ -3,13 +3,11 @@
 use std::collections::BTreeSet;
 
 use model::effects::Effect;
-use model::effects::empirical::EMPIRICAL;
 use model::integrate::SimulationError;
 
 use super::compare::{is_sound, joined, look_alikes, nested_on, rank, refit_all, rivals, where_they_differ};
 use super::holdout::HoldOut;
 use super::round::Round;
-use super::under_guide::UnderGuide;
 use super::whole::Seated;
 use super::{
     BRIEF_S, CLEAR, CONSISTENT, Declared, EXPLAINED, GROSS, LEVEL, LOST, MATERIAL, PREFERRED, Ranked, SHORT_S,
@@ -17,7 +15,7 @@ use super::{
 };
 use crate::colour::{Colour, colours};
 use crate::fit::Fit;
-use crate::guided::{Guided, LEADS, SHOWS};
+use crate::guided::{Guided, SHOWS};
 use crate::identification::covariance_of;
 use crate::misfit::{self, Part};
 use crate::problem::Problem;
@@ -200,49 +198,6 @@ impl<'a> Search<'a> {
         Bases { scene: &round.scene, component, short, guided, beside: f64::INFINITY, gross }
     }
 
-    /// What terms without a name explain under a guide, where the reference model leaves a gross misfit, in a round's brief runs or on data left out.
-    pub fn nameless_under_guide(&self, found: &Found, round: &Round) -> Result<Option<UnderGuide>, SimulationError> {
-        let left_out = misfit::largest(&self.left(found, &found.steps[0]));
-        if left_out <= GROSS && !is_gross(&self.brief, round.scene.fit, &found.colours)? {
-            return Ok(None);
-        }
-        let Some(guided) = round.guided(self) else { return Ok(None) };
-        let linearly = UnderGuide::of(guided, &EMPIRICAL)?;
-        // friction of another kind than the model's acts as no little of it would
-        let to_be_led = linearly.as_ref().is_some_and(|under| under.shows && !under.takes_most());
-        Ok(if to_be_led { Some(UnderGuide::led(guided, &EMPIRICAL.map(|e| vec![e]))) } else { linearly })
-    }
-
-    /// Sets of candidates that are worth a refit; none where a guide shows that none of them is what is missing.
-    pub fn shortlist(
-        &self,
-        round: &Round,
-        open: &[&'static dyn Effect],
-        bases: &Bases,
-    ) -> Result<Vec<Vec<&'static dyn Effect>>, SimulationError> {
-        let shortlist = round.shortlist(open, if bases.gross { 6 } else { 5 });
-        let Some(guided) = bases.guided else { return Ok(shortlist) };
-        let Some(mut under) = UnderGuide::of(guided, open)? else { return Ok(shortlist) };
-        let in_free_run = open.iter().map(|e| round.gram.gain(&round.of(e.header().id)) / bases.scene.fit.cost);
-        let in_free_run = in_free_run.fold(0.0, f64::max);
-        if !under.shows {
-            let shortlist = under.joined(shortlist);
-            // friction of another kind than the model's leaves little under a guide once the model's has bent to it, and a free run that is elsewhere
-            let hidden = bases.gross && guided.lacks() && !under.leads() && in_free_run < LEADS;
-            let led = hidden.then(|| UnderGuide::led(guided, &shortlist)).filter(UnderGuide::takes_most);
-            return Ok(led.map_or(shortlist.clone(), |led| led.narrow(shortlist, in_free_run)));
-        }
-        if !under.leads() {
-            // friction of another kind than the model's acts as no little of it would
-            under = UnderGuide::led(guided, &shortlist);
-        }
-        let narrowed = under.narrow(shortlist, in_free_run);
-        if narrowed.is_empty() {
-            (self.progress)("no candidate leads where the simulation follows what was measured");
-        }
-        Ok(narrowed)
-    }
-
     /// A candidate is significant, or the last step's misfit is certain without.
     pub fn calls_for(&self, found: &Found, round: &Round) -> bool {
         let largest = misfit::largest(&found.parts(self.problem, found.last()));
@@ -259,19 +214,11 @@ impl<'a> Search<'a> {
         misfit::largest(&left) > GROSS && misfit::total(&left) > (1.0 - LOST) * before && of_cost < LOST
     }
 
-    /// Beside a name that does not lead out of a gross misfit a candidate takes away most of what is missing under the guide.
-    pub fn leads_out(&self, round: &Round) -> Result<bool, SimulationError> {
-        let Some(guided) = round.guided(self).filter(|guided| guided.lacks()) else { return Ok(false) };
-        let open = self.open(round.scene.fit);
-        let Some(linearly) = UnderGuide::of(guided, &open)? else { return Ok(false) };
-        Ok(linearly.takes_most() || UnderGuide::led(guided, &linearly.joined(round.shortlist(&open, 6))).takes_most())
-    }
-
     /// What is left is a matter of the form of what is named ([`matter_of_form`]).
     pub fn is_settled(&self, found: &Found, round: &Round) -> Result<bool, SimulationError> {
-        let of = self.left(found, found.last());
-        let (of_whole, largest) =
-            (misfit::total(&of) / misfit::total(&self.left(found, &found.steps[0])), misfit::largest(&of));
+        let last = self.left(found, found.last());
+        let largest = misfit::largest(&last);
+        let of_whole = misfit::total(&last) / misfit::total(&self.left(found, &found.steps[0]));
         let fit = round.scene.fit;
         let residual = self.brief.residuals(&fit.layout, &fit.point)?;
         let left = misfit::cost(&misfit::parts(&self.brief, &residual, &found.colours));

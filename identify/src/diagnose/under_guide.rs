@@ -4,10 +4,15 @@
 //! elsewhere, says little. So few candidates have to be led and refitted, and none where none of them is what is missing.
 
 use model::effects::Effect;
+use model::effects::empirical::EMPIRICAL;
 use model::integrate::SimulationError;
 
+use super::GROSS;
 use super::round::Round;
+use super::search::{Found, Search, is_gross};
 use crate::guided::{Guided, LEADS};
+use crate::misfit;
+use crate::refit::Bases;
 
 /// A candidate is out of question that takes away less than this share of what the best one does.
 const BESIDE: f64 = 0.3;
@@ -20,6 +25,59 @@ const FAR_LESS: f64 = 0.5;
 const BEST: usize = 3;
 /// and so many that lead in free run whatever the guide says of them.
 const FIRST: usize = 2;
+
+impl Search<'_> {
+    /// What terms without a name explain under a guide, where the reference model leaves a gross misfit, in a round's brief runs or on data left out.
+    pub fn nameless_under_guide(&self, found: &Found, round: &Round) -> Result<Option<UnderGuide>, SimulationError> {
+        let left_out = misfit::largest(&self.left(found, &found.steps[0]));
+        if left_out <= GROSS && !is_gross(&self.brief, round.scene.fit, &found.colours)? {
+            return Ok(None);
+        }
+        let Some(guided) = round.guided(self) else { return Ok(None) };
+        let linearly = UnderGuide::of(guided, &EMPIRICAL)?;
+        // friction of another kind than the model's acts as no little of it would
+        let to_be_led = linearly.as_ref().is_some_and(|under| under.shows && !under.takes_most());
+        Ok(if to_be_led { Some(UnderGuide::led(guided, &EMPIRICAL.map(|e| vec![e]))) } else { linearly })
+    }
+
+    /// Sets of candidates that are worth a refit; none where a guide shows that none of them is what is missing.
+    pub fn shortlist(
+        &self,
+        round: &Round,
+        open: &[&'static dyn Effect],
+        bases: &Bases,
+    ) -> Result<Vec<Vec<&'static dyn Effect>>, SimulationError> {
+        let shortlist = round.shortlist(open, if bases.gross { 6 } else { 5 });
+        let Some(guided) = bases.guided else { return Ok(shortlist) };
+        let Some(mut under) = UnderGuide::of(guided, open)? else { return Ok(shortlist) };
+        let in_free_run = open.iter().map(|e| round.gram.gain(&round.of(e.header().id)) / bases.scene.fit.cost);
+        let in_free_run = in_free_run.fold(0.0, f64::max);
+        if !under.shows {
+            let shortlist = under.joined(shortlist);
+            // friction of another kind than the model's leaves little under a guide once the model's has bent to it, and a free run that is elsewhere
+            let hidden = bases.gross && guided.lacks() && !under.leads() && in_free_run < LEADS;
+            let led = hidden.then(|| UnderGuide::led(guided, &shortlist)).filter(UnderGuide::takes_most);
+            return Ok(led.map_or(shortlist.clone(), |led| led.narrow(shortlist, in_free_run)));
+        }
+        if !under.leads() {
+            // friction of another kind than the model's acts as no little of it would
+            under = UnderGuide::led(guided, &shortlist);
+        }
+        let narrowed = under.narrow(shortlist, in_free_run);
+        if narrowed.is_empty() {
+            (self.progress)("no candidate leads where the simulation follows what was measured");
+        }
+        Ok(narrowed)
+    }
+
+    /// Beside a name that does not lead out of a gross misfit a candidate takes away most of what is missing under the guide.
+    pub fn leads_out(&self, round: &Round) -> Result<bool, SimulationError> {
+        let Some(guided) = round.guided(self).filter(|guided| guided.lacks()) else { return Ok(false) };
+        let open = self.open(round.scene.fit);
+        let Some(linearly) = UnderGuide::of(guided, &open)? else { return Ok(false) };
+        Ok(linearly.takes_most() || UnderGuide::led(guided, &linearly.joined(round.shortlist(&open, 6))).takes_most())
+    }
+}
 
 /// Shares of the cost under the guide that candidates take away.
 pub(super) struct UnderGuide {
@@ -122,6 +180,11 @@ fn add_single(sets: &mut Vec<Vec<&'static dyn Effect>>, effect: &'static dyn Eff
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::common::{dynamic, layout, problem};
+    use crate::diagnose::Declared;
+    use crate::fit::{Effort, Fit, fit};
+    use crate::problem::Problem;
+    use model::Parameters;
     use model::effects::find;
 
     fn effects(ids: &[&str]) -> Vec<&'static dyn Effect> {
@@ -173,6 +236,34 @@ mod tests {
         for none in [under(&[("pump_lag", 0.05)]), under(&[])] {
             assert!(!none.leads() && none.narrow(shortlist.clone(), 0.3).is_empty());
             assert_eq!(ids(&none.narrow(shortlist.clone(), 0.6)), ["tilt", "end_stop+pump_lag"], "a slow one");
+        }
+    }
+
+    /// A rig with this effect, and its model fitted without: base values that are bent by it, and those that are not.
+    fn bent_by(id: &str, values: &[f64]) -> (Problem, Vec<f64>, Fit) {
+        let truth = Parameters::example();
+        let effect = find(id).expect("an id of the library");
+        let problem = problem(&[7, 8].map(|seed| dynamic(&truth, Some((effect, values.to_vec())), 16.0, seed)));
+        let layout = layout(&truth);
+        let component = layout.vector_of(&truth);
+        let bent = fit(&problem, &layout, problem.point(component.clone()), Effort::default())
+            .expect("a model that can be simulated");
+        (problem, component, bent)
+    }
+
+    #[test]
+    fn a_second_name_is_led_out_by_what_shows_under_the_guide_without_being_gross_there() {
+        for (tau_s, out) in [(0.012, true), (0.0, false)] {
+            let (problem, component, bent) = bent_by("pump_lag", &[tau_s]);
+            let library = effects(&["backlash", "pump_lag", "end_stop"]);
+            let search =
+                Search::new(&library, &Declared { problem: &problem, fit: &bent, component: &component }, &|_| ());
+            let nested = search.nested(&bent).expect("it can be simulated");
+            let round = Round::new(&search.brief, &nested, library.iter().copied()).expect("it can be simulated");
+            let guided = round.guided(&search).expect("a rig that can be guided");
+            let (tight, fit) = guided.tightest().expect("a guide");
+            assert!(!guided.shows() && guided.lacks() == out, "{}", fit.cost / tight.targets() as f64);
+            assert_eq!(search.leads_out(&round).expect("it can be simulated"), out);
         }
     }
 }

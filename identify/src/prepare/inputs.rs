@@ -120,6 +120,21 @@ pub(super) fn drained_pressure(r: &Recording, values: &[f64], first: usize, end:
     out
 }
 
+/// Longest gap in an input that a straight line bridges, s. Longer ones are of a sensor that saturates or is silent, and nobody knows what drove the plant meanwhile.
+pub(super) const BRIDGED_S: f64 = 0.5;
+
+/// An input is missing for longer than [`BRIDGED_S`] at a time, of rows (time, value) in their order.
+pub(super) fn is_torn(rows: impl Iterator<Item = (f64, f64)>) -> bool {
+    let mut since = None;
+    rows.into_iter().any(|(time_s, value)| {
+        if value.is_finite() {
+            since = None;
+            return false;
+        }
+        time_s - *since.get_or_insert(time_s) > BRIDGED_S
+    })
+}
+
 /// Missing values replaced by the neighbours' straight line.
 pub(super) fn filled(values: &[f64]) -> Vec<f64> {
     let mut out = values.to_vec();

@@ -9,7 +9,7 @@ mod way;
 use recordings::{Plane, Protocol, Recording};
 
 use crate::noise::{error_of_mean, mean, spread_about_line, step, white_std};
-use inputs::{drained_pressure, filled, led_angle, level, rests, smoothed};
+use inputs::{BRIDGED_S, drained_pressure, filled, is_torn, led_angle, level, rests, smoothed};
 use rows::{block_starts, dwells, fillings, rest_rows, slow, thinned};
 
 use past::past;
@@ -136,25 +136,36 @@ pub fn stretches(
                 // what follows the last reading belongs to the next filling
                 let read = |s: &(usize, usize)| r.volume_ml[s.0..s.1].iter().any(|v| v.is_finite());
                 let last = inside.iter().rposition(read).map_or(0, |n| n + 1);
-                let inside = &inside[..last];
-                let Some(end) = inside.last().map(|s| s.1) else { continue };
+                // nor is what came before a pressure known that was missing: a sensor saturates at the top of a filling
+                let torn = |&(a, b): &(usize, usize)| {
+                    let resting = || (a..b).filter(|&i| rests(&r, i));
+                    PRESSURES.iter().any(|c| is_torn(resting().map(|i| (r.time_s[i], c.of(&r)[i]))))
+                };
+                let known = inside[..last].iter().rposition(torn).map_or(0, |n| n + 1);
+                let inside = &inside[known..last];
+                let Some((&(begin, begin_end), &(_, end))) = inside.first().zip(inside.last()) else { continue };
+                // the first reading counts from rest: what was released from an unknown pressure is not known
+                let first =
+                    if known == 0 { begin } else { (begin..begin_end).find(|&i| rests(&r, i)).unwrap_or(begin) };
                 if inside.len() < 3 {
                     continue;
                 }
                 let mut s = cut(first, end, Stand::Drained);
                 s.angle_rad = vec![level(&r.angle_deg[first..end], angle_noise).to_radians(); end - first];
                 s.way_rad = way_rad(&r, first, angle_noise, s.angle_rad[0]);
-                s.pressure_bar =
-                    [Channel::Pressure1, Channel::Pressure2].map(|c| drained_pressure(&r, c.of(&r), first, end));
+                s.pressure_bar = PRESSURES.map(|c| drained_pressure(&r, c.of(&r), first, end));
                 s.initial = vec![s.angle_rad[0], s.pressure_bar[0][0], s.pressure_bar[1][0]];
                 let mut volume = vec![f64::NAN; end - first];
-                for (n, &(a, b)) in inside.iter().enumerate() {
-                    // a segment's readings are one reading of the cylinder; the first defines its zero
-                    let (reading, count) = mean(r.volume_ml[a..b].iter().copied());
+                // a segment's readings are one reading of the cylinder; the filling's first defines its zero, which its prediction starts from
+                let reading = |&(a, b): &(usize, usize)| mean(r.volume_ml[a..b].iter().copied());
+                let zero_ml = if known == 0 { 0.0 } else { reading(&inside[0]).0 };
+                for (n, segment) in inside.iter().enumerate() {
+                    let &(a, b) = segment;
+                    let (reading_ml, count) = reading(segment);
                     if n > 0 && count > 0 {
-                        volume[(a + b) / 2 - first] = reading;
+                        volume[(a + b) / 2 - first] = reading_ml - zero_ml;
                     }
-                    s.blocks.push(a - first);
+                    s.blocks.push(a.max(first) - first);
                 }
                 s.measured[Channel::Volume.index()] = volume;
                 // while oil is released the pressures are not known well enough for the torque
@@ -171,8 +182,14 @@ pub fn stretches(
                 }
                 let mut s = cut(first, end, Stand::Bench);
                 s.angle_rad = vec![0.0; end - first];
-                s.pressure_bar = [Channel::Pressure1, Channel::Pressure2]
-                    .map(|c| smoothed(&filled(&c.of(&r)[first..end]), &s.time_s, 0.5));
+                s.pressure_bar = PRESSURES.map(|c| {
+                    let torn = is_torn((first..end).map(|i| (r.time_s[i], c.of(&r)[i])));
+                    if torn {
+                        vec![f64::NAN; end - first]
+                    } else {
+                        smoothed(&filled(&c.of(&r)[first..end]), &s.time_s, 0.5)
+                    }
+                });
                 s.initial = vec![0.0, s.pressure_bar[0][0], s.pressure_bar[1][0]];
                 let mut volume = r.volume_ml[first..end].to_vec();
                 volume[0] = f64::NAN; // 0 by definition
@@ -182,27 +199,37 @@ pub fn stretches(
             }
         }
     }
-    // where a sensor was silent for a whole stretch nobody knows what drove it
+    // where a sensor was silent nobody knows what drove it
     out.retain(|s| {
         let known = s.has_inputs();
         if !known {
-            tracing::warn!(file, from_s = s.time_s[0], "no angle or pressure there: the stretch is passed over");
+            tracing::warn!(
+                file,
+                from_s = s.time_s[0],
+                "no angle or pressure there for a time: the stretch is passed over"
+            );
         }
         known
     });
     if out.is_empty() {
-        return Err(unusable(format!("no usable segment of the protocol {protocol} in {} rows", r.len())));
+        return Err(unusable(format!(
+            "expected a segment of the protocol {protocol} whose angle, pressures and readings are there throughout, got none in {} rows; repair the sensor, or take the run out of campaign.toml",
+            r.len()
+        )));
     }
     Ok(out)
 }
 
-/// Initial pressures from the first `over_s` seconds, to be refined within `std_bar`.
+const PRESSURES: [Channel; 2] = [Channel::Pressure1, Channel::Pressure2];
+
+/// Initial pressures from the first `over_s` seconds, to be refined within `std_bar`; not known where they are missing for longer than a gap that is bridged.
 fn initial_from_rows(s: &mut Stretch, r: &Recording, first: usize, over_s: f64, std_bar: f64) {
     let rows = s.time_s.partition_point(|t| *t < s.time_s[0] + over_s).max(1);
     s.initial[0] = s.angle_rad[0];
-    for (j, channel) in [Channel::Pressure1, Channel::Pressure2].into_iter().enumerate() {
+    for (j, channel) in PRESSURES.into_iter().enumerate() {
         let (m, n) = mean(channel.of(r)[first..first + rows].iter().copied());
-        let (fallback, _) = mean(channel.of(r)[first..].iter().copied().take(200));
+        let near = r.time_s.partition_point(|t| *t <= s.time_s[0] + BRIDGED_S).max(first);
+        let (fallback, _) = mean(channel.of(r)[first..near].iter().copied());
         s.initial[j + 1] = if n > 0 { m } else { fallback };
         s.initial_std[j + 1] = std_bar;
     }
