@@ -58,7 +58,8 @@ const MORE: usize = 5;
 const GLANCE: Effort = Effort { iterations: 3, ..LEAD };
 /// and so many are.
 const WORTH: usize = 2;
-/// Where what is missing does not show, an effect that takes away less than this share of it from each start in a glance is not followed further.
+/// Where what is missing does not show, an effect that takes away less than this share of it from each start in a glance, and does not lead linearly, is not
+/// followed further.
 const HOPE: f64 = 0.02;
 /// Cost a target under the tightest guide from which what is missing shows there; noise alone leaves 1.
 pub const SHOWS: f64 = 5.0;
@@ -72,6 +73,8 @@ const LEAPS: [f64; 4] = [1.0 / 16.0, 0.25, 4.0, 16.0];
 const NEAR: f64 = 4.0;
 /// and so many of them are followed.
 const FOLLOWED: usize = 3;
+/// Share by which a shape differs at least between two places.
+const ONE_PLACE: f64 = 0.1;
 /// From no more where a few steps take away this share of what is missing: a false minimum leaves more.
 const ALL_BUT: f64 = 0.95;
 
@@ -98,19 +101,14 @@ impl Guided {
     /// then rests elsewhere, so only that can tell which one it is.
     pub fn let_go(&self) -> Vec<Vec<f64>> {
         let tight = [self.fit.clone()].into_iter().chain(self.in_other_shapes());
-        tight.filter_map(|led| self.let_go_from(led)).collect()
+        places(tight.filter_map(|led| self.let_go_from(led))).into_iter().map(|led| led.point.theta).collect()
     }
 
     /// The model with one shape of an effect far from where it is, a few steps on under the tightest guide: those that may lead to another minimum.
     fn in_other_shapes(&self) -> Vec<Fit> {
         let Some((tight, here)) = self.tightest() else { return Vec::new() };
         let bounds = here.layout.bounds();
-        let effects = here.layout.effects.iter().enumerate();
-        let shapes = effects.flat_map(|(n, effect)| {
-            let own = effect.header().parameters.iter().enumerate().filter(|(_, p)| !p.size);
-            own.map(move |(i, _)| here.layout.first_of(n) + i)
-        });
-        let leaps = shapes.flat_map(|i| {
+        let leaps = shapes(&here.layout).into_iter().flat_map(|i| {
             let (lower, upper) = bounds[i];
             let mut values = LEAPS.map(|factor| (factor * here.point.theta[i]).clamp(lower, upper)).to_vec();
             values.dedup();
@@ -125,8 +123,9 @@ impl Guided {
         let mut landed: Vec<Fit> = landed.filter(|led| led.cost < NEAR * here.cost).collect();
         landed.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         tracing::debug!(here = here.cost, landed = ?landed.iter().map(|led| led.cost).collect::<Vec<_>>(), "leaps");
-        landed.truncate(FOLLOWED);
-        landed.into_iter().filter_map(|led| fit(tight, &here.layout, led.point, FEW).ok()).collect()
+        // one that is on its way back leads nowhere else
+        let elsewhere = places([here.clone()].into_iter().chain(landed)).into_iter().skip(1).take(FOLLOWED);
+        elsewhere.filter_map(|led| fit(tight, &here.layout, led.point, FEW).ok()).collect()
     }
 
     /// What is missing shows under the tightest guide.
@@ -166,7 +165,7 @@ impl Guided {
         let lowest = best([lowest].into_iter().chain(more)).filter(|led| self.share_of_missing(led.cost) > PART)?;
         let led = fit(tight, &layout, lowest.point, LEAD).ok()?;
         tracing::debug!(id = effect.header().id, from = self.fit.cost, to = led.cost, "led");
-        Some(Led { cost: led.cost, theta: self.let_go_from(led)? })
+        Some(Led { cost: led.cost, theta: self.let_go_from(led)?.point.theta })
     }
 
     /// Share of the cost under the tightest guide that an effect takes away there, linearly.
@@ -221,7 +220,9 @@ impl Guided {
             best(points.into_iter().filter_map(|point| fit(tight, &layout, point, FEW).ok()))?
         } else {
             let glanced: Vec<Fit> = points.into_iter().filter_map(|p| fit(tight, &layout, p, GLANCE).ok()).collect();
-            let hopeless = glanced.iter().all(|led| self.share_of_missing(led.cost) < HOPE);
+            // a first step that gains little ends a glance; of what leads linearly it tells nothing
+            let hopeless = glanced.iter().all(|led| self.share_of_missing(led.cost) < HOPE)
+                && self.linearly(effect).is_none_or(|share| share < LEADS);
             let further = |led: Fit| if hopeless { Some(led) } else { fit(tight, &layout, led.point, FEW).ok() };
             best(glanced.into_iter().filter_map(further))?
         };
@@ -244,15 +245,37 @@ impl Guided {
         out
     }
 
-    fn let_go_from(&self, tight: Fit) -> Option<Vec<f64>> {
+    fn let_go_from(&self, tight: Fit) -> Option<Fit> {
         let looser = &self.problems[1..];
-        let last = looser.iter().try_fold(tight, |led, problem| fit(problem, &led.layout, led.point, LEAD).ok())?;
-        Some(last.point.theta)
+        looser.iter().try_fold(tight, |led, problem| fit(problem, &led.layout, led.point, LEAD).ok())
     }
 }
 
+/// Columns of the shapes of a layout's effects.
+fn shapes(layout: &Layout) -> Vec<usize> {
+    let each = layout.effects.iter().enumerate().flat_map(|(n, effect)| {
+        let own = effect.header().parameters.iter().enumerate().filter(|(_, p)| !p.size);
+        own.map(move |(i, _)| layout.first_of(n) + i)
+    });
+    each.collect()
+}
+
+/// The first fit at each place, for fits of one layout: where no shape differs by a tenth they are on the way to one minimum.
+fn places(fits: impl IntoIterator<Item = Fit>) -> Vec<Fit> {
+    let mut out: Vec<Fit> = Vec::new();
+    for fit in fits {
+        let shapes = shapes(&fit.layout);
+        let alike = |a: f64, b: f64| (a - b).abs() <= ONE_PLACE * a.abs().max(b.abs());
+        let known = |other: &Fit| shapes.iter().all(|&i| alike(fit.point.theta[i], other.point.theta[i]));
+        if !out.iter().any(known) {
+            out.push(fit);
+        }
+    }
+    out
+}
+
 /// Share that a cost `after` takes away of what `before` holds beside noise, of which a target costs 1; 0 where nothing but noise is there.
-fn taken_away(before: f64, after: f64, targets: usize) -> f64 {
+pub fn taken_away(before: f64, after: f64, targets: usize) -> f64 {
     let missing = before - targets as f64;
     if missing > 0.0 { (before - after) / missing } else { 0.0 }
 }
@@ -265,6 +288,20 @@ fn best(fits: impl IntoIterator<Item = Fit>) -> Option<Fit> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use model::effects::find;
+
+    #[test]
+    fn fits_whose_shapes_hardly_differ_are_at_one_place_whatever_their_sizes() {
+        let layout = Layout::base(&model::Parameters::example()).with(find("stribeck_friction").expect("an effect"));
+        let at = |cost: f64, [size, w_v, w_s]: [f64; 3]| {
+            let mut theta = vec![0.5; layout.first_of(0)];
+            theta.extend([size, w_v, w_s]);
+            Fit { layout: layout.clone(), point: Point { theta, initial: Vec::new() }, cost, converged: true }
+        };
+        let all = [[1.0, 0.2, 0.01], [2.0, 0.21, 0.0101], [1.0, 0.2, 0.02], [1.0, 0.8, 0.01], [1.1, 0.2, 0.0199]];
+        let found = places(all.into_iter().zip(1..).map(|(values, cost)| at(f64::from(cost), values)));
+        assert_eq!(found.iter().map(|fit| fit.cost).collect::<Vec<_>>(), [1.0, 3.0, 4.0], "the first of each");
+    }
 
     #[test]
     fn what_an_effect_takes_away_is_a_share_of_what_noise_does_not_explain() {

@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test may end where something is not as expected")]
 
 use identify::layout::Layout;
-use identify::predict::{linearise, predict};
+use identify::predict::{linearise, predict, predict_rows};
 use identify::prepare::{Channel, Stretch, stretches};
 use model::Parameters;
 use model::effects::{EffectSet, find};
@@ -13,14 +13,31 @@ use recordings::{Plane, Protocol, Recording};
 
 const STEP_S: f64 = 0.01;
 /// Id and values of an effect.
-type Walls = (&'static str, [f64; 2]);
+type Walls = (&'static str, &'static [f64]);
 /// Nm, rad.
-const HYSTERESIS: Walls = ("elastic_hysteresis", [0.6, 0.08]);
+const HYSTERESIS: Walls = ("elastic_hysteresis", &[0.6, 0.08]);
 /// ml/bar, s. It settles over several dwells.
-const CREEP: Walls = ("wall_creep", [1.5, 3.0]);
+const CREEP: Walls = ("wall_creep", &[1.5, 3.0]);
+
+/// A part of a torque map: seconds, degrees a second, voltage, clamped.
+type Part = (f64, f64, f64, bool);
 
 /// A lever that is led from dwell to dwell of a torque map, once beyond the angle and back.
-fn torque_map(truth: &Parameters, (id, values): Walls) -> Recording {
+fn torque_map(truth: &Parameters, walls: Walls) -> Recording {
+    let plan = [
+        (1.0, 0.0, 1.5, true),
+        (1.0, 0.0, -1.5, true),
+        (2.0, 6.0, 0.0, false),
+        (1.0, 0.0, 1.5, true),
+        (2.0, 6.0, 0.0, false),
+        (0.5, -5.0, 0.0, false),
+        (1.0, 0.0, -1.5, true),
+    ];
+    torque_map_of(truth, walls, &plan)
+}
+
+/// A torque map of these parts.
+fn torque_map_of(truth: &Parameters, (id, values): Walls, plan: &[Part]) -> Recording {
     let effects = EffectSet::new(STATES, [(find(id).unwrap(), values.to_vec())]);
     let k = truth.to_vector();
     let mut x = vec![0.0; STATES + effects.states];
@@ -36,20 +53,10 @@ fn torque_map(truth: &Parameters, (id, values): Walls) -> Recording {
         circuit: Circuit::Pump,
     };
     rec::rest_states(&input, &k, &effects, &mut x);
-    // seconds, degrees a second, voltage, clamped
-    let plan = [
-        (1.0, 0.0, 1.5, true),
-        (1.0, 0.0, -1.5, true),
-        (2.0, 6.0, 0.0, false),
-        (1.0, 0.0, 1.5, true),
-        (2.0, 6.0, 0.0, false),
-        (0.5, -5.0, 0.0, false),
-        (1.0, 0.0, -1.5, true),
-    ];
     let mut r = Recording::default();
     let integrator = Integrator::new(1e-3);
     let mut dx = x.clone();
-    for (segment, (seconds, rate_deg_s, voltage_v, clamped)) in plan.into_iter().enumerate() {
+    for (segment, (seconds, rate_deg_s, voltage_v, clamped)) in plan.iter().copied().enumerate() {
         let input = Input {
             voltage_v,
             bypass_open: !clamped,
@@ -126,6 +133,27 @@ fn a_torque_map_is_predicted_from_the_pressures_between_its_angles() {
     let cut = stretches(0, "t.csv", Protocol::TorqueMap, Plane::Horizontal, &paused).unwrap();
     let first = cut[1].past.as_ref().unwrap().time_s[0];
     assert!(first > 8.0, "{first} s: what was before the pause counts");
+}
+
+#[test]
+fn means_of_few_rows_are_those_of_all() {
+    let truth = Parameters::example();
+    for walls in [HYSTERESIS, CREEP, ("cross_leakage", &[0.05, 0.5]), ("pump_lag", &[0.05])] {
+        let map = torque_map_of(&truth, walls, &[(6.0, 0.0, 1.5, true), (6.0, 0.0, -1.5, true)]);
+        let cut = stretches(0, "t.csv", Protocol::TorqueMap, Plane::Horizontal, &map).unwrap();
+        let (layout, theta) = model(&truth, walls);
+        let s = &cut[0];
+        let means = predict(s, &layout, &theta, &[0.0; 3]).unwrap();
+        let rows = predict_rows(s, &layout, &theta, &[0.0; 3]).unwrap();
+        let starts = s.targets.iter().map(|t| s.blocks.partition_point(|b| *b <= t.middle));
+        for ((target, mean), block) in s.targets.iter().zip(means).zip(starts) {
+            let own = &rows[s.blocks[block - 1]..s.blocks[block]];
+            let of_all = own.iter().map(|y| y[target.channel.index()]).sum::<f64>() / own.len() as f64;
+            // the torque has a kink where the pressures are equal, and a parabola over it errs by a hundredth of a sensor's noise
+            let most = if target.channel == Channel::Torque { 1e-3 } else { 1e-6 };
+            assert!((mean - of_all).abs() < most, "{}: {mean} {of_all} at {} s", walls.0, target.time_s);
+        }
+    }
 }
 
 #[test]

@@ -7,7 +7,7 @@ use super::round::Round;
 use super::{GUIDED_S, MATERIAL, PREFERRED, Ranked};
 use crate::colour::colours;
 use crate::fit::{Effort, Fit};
-use crate::guided::Guided;
+use crate::guided::{Guided, taken_away};
 use crate::misfit;
 use crate::problem::Problem;
 use crate::refit::{Bases, Refit, advantage, refit};
@@ -55,7 +55,7 @@ pub(super) fn refit_all(
             .map(|e| (*e, round.of(e.header().id).into_iter().map(|i| &round.directions[i]).collect()))
             .collect();
         // beside one that explains nearly all, in free run or where it is led, only what looks like it matters, and that is refitted as such
-        let explained = out.iter().any(|r| r.fit.cost < NEARLY_ALL * before)
+        let explained = out.iter().any(|r| is_nearly_all(problem, before, r.fit.cost))
             || bases.guided.is_some_and(|guided| guided.is_all_but_explained(led));
         let own =
             if explained { Bases { gross: false, guided: None, ..*bases } } else { Bases { beside: led, ..*bases } };
@@ -96,9 +96,15 @@ pub(super) fn refit_all(
     out
 }
 
-/// Share of the cost that is left where a gross misfit is explained: further candidates then need not be looked for with all that leads to gross
+/// Share of what is missing that a candidate takes away where it explains a gross misfit: others then need not be looked for with all that leads to gross
 /// effects.
-const NEARLY_ALL: f64 = 0.02;
+const NEARLY_ALL: f64 = 0.98;
+
+/// A fit of cost `after` takes away all but nothing of what one of cost `before` leaves beside noise.
+pub(super) fn is_nearly_all(problem: &Problem, before: f64, after: f64) -> bool {
+    taken_away(before, after, problem.targets()) > NEARLY_ALL
+}
+
 /// So many of the best candidates are given their general form and other shapes where theirs leave more than noise: the rig's may differ, or
 /// they may be caught in a false minimum.
 const SHAPED: usize = 3;
@@ -275,6 +281,16 @@ mod tests {
     use super::*;
     use crate::layout::Layout;
     use crate::problem::Point;
+
+    #[test]
+    fn a_gross_misfit_is_explained_by_what_leaves_little_beside_noise() {
+        let truth = model::Parameters::example();
+        let problem = crate::common::problem(&[crate::common::dynamic(&truth, None, 4.0, 7)]);
+        let noise = problem.targets() as f64;
+        let is = |before: f64, after: f64| is_nearly_all(&problem, before * noise, after * noise);
+        assert!(is(1000.0, 10.0) && is(11.0, 1.15), "which ends at 1");
+        assert!(!is(1000.0, 25.0) && !is(11.0, 1.5) && !is(1.0, 0.9));
+    }
 
     #[test]
     fn of_the_same_names_the_cheapest_refit_stands() {

@@ -7,7 +7,7 @@
 use model::integrate::SimulationError;
 
 use super::PREFERRED;
-use super::compare::{joined, look_alikes, rank, refit_all, rivals, to_the_end, where_they_differ};
+use super::compare::{is_nearly_all, joined, look_alikes, rank, refit_all, rivals, to_the_end, where_they_differ};
 use super::round::Round;
 use super::search::{Found, Name, Search, Step, is_gross};
 use crate::fit::{Effort, Fit};
@@ -43,7 +43,9 @@ impl Search<'_> {
         let (layout, point) = brief.without(n);
         let effort = Effort { iterations: 12, tolerance: 1e-6, ..Effort::default() };
         let Ok(alone) = crate::fit::fit(&self.brief, &layout, point, effort) else { return Ok((step, brief)) };
-        let gross = is_gross(&self.brief, &alone, &found.colours)?;
+        // beside a name that explains all of it only what looks like it matters, and nobody need be led to that
+        let explained = is_nearly_all(&self.brief, alone.cost, brief.cost);
+        let gross = !explained && is_gross(&self.brief, &alone, &found.colours)?;
         let open = self.open(&alone);
         let round = Round::new(&self.brief, &alone, open.iter().copied())?;
         let guided = if gross { round.guided(self) } else { None };

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use super::compare::guided;
 use super::search::Search;
+use super::under_guide::UnderGuide;
 use crate::fit::Fit;
 use crate::guided::Guided;
 use crate::problem::Problem;
@@ -20,6 +21,7 @@ pub(super) struct Round<'a> {
     pub directions: Vec<Direction>,
     pub gram: Gram,
     guided: OnceLock<Option<Guided>>,
+    under_guide: OnceLock<Option<UnderGuide>>,
 }
 
 impl<'a> Round<'a> {
@@ -46,12 +48,25 @@ impl<'a> Round<'a> {
 
     fn with(scene: Scene<'a>, directions: Vec<Direction>) -> Self {
         let gram = Gram::new(&directions);
-        Round { scene, directions, gram, guided: OnceLock::new() }
+        Round { scene, directions, gram, guided: OnceLock::new(), under_guide: OnceLock::new() }
     }
 
     /// The current model where its simulation follows what was measured; `None` where the plant's can't be guided.
     pub fn guided(&self, search: &Search) -> Option<&Guided> {
         self.guided.get_or_init(|| guided(search.problem, self.scene.fit, search.component)).as_ref()
+    }
+
+    /// What the effects that the current model lacks take away linearly under its guide.
+    pub fn under_guide(
+        &self,
+        guided: &Guided,
+        open: &[&'static dyn Effect],
+    ) -> Result<Option<UnderGuide>, SimulationError> {
+        if let Some(known) = self.under_guide.get() {
+            return Ok(known.clone());
+        }
+        let asked = UnderGuide::of(guided, open)?;
+        Ok(self.under_guide.get_or_init(|| asked).clone())
     }
 
     /// Positions of an effect's directions that may be used, the best first.

@@ -49,7 +49,7 @@ impl Search<'_> {
     ) -> Result<Vec<Vec<&'static dyn Effect>>, SimulationError> {
         let shortlist = round.shortlist(open, if bases.gross { 6 } else { 5 });
         let Some(guided) = bases.guided else { return Ok(shortlist) };
-        let Some(mut under) = UnderGuide::of(guided, open)? else { return Ok(shortlist) };
+        let Some(mut under) = round.under_guide(guided, open)? else { return Ok(shortlist) };
         let in_free_run = open.iter().map(|e| round.gram.gain(&round.of(e.header().id)) / bases.scene.fit.cost);
         let in_free_run = in_free_run.fold(0.0, f64::max);
         if !under.shows {
@@ -74,12 +74,20 @@ impl Search<'_> {
     pub fn leads_out(&self, round: &Round) -> Result<bool, SimulationError> {
         let Some(guided) = round.guided(self).filter(|guided| guided.lacks()) else { return Ok(false) };
         let open = self.open(round.scene.fit);
-        let Some(linearly) = UnderGuide::of(guided, &open)? else { return Ok(false) };
-        Ok(linearly.takes_most() || UnderGuide::led(guided, &linearly.joined(round.shortlist(&open, 6))).takes_most())
+        let Some(linearly) = round.under_guide(guided, &open)? else { return Ok(false) };
+        if linearly.takes_most() {
+            return Ok(true);
+        }
+        // the likeliest first: one is enough
+        let mut singles = linearly.joined(round.shortlist(&open, 6));
+        singles.retain(|set| set.len() == 1);
+        singles.sort_by(|a, b| linearly.share(b[0]).total_cmp(&linearly.share(a[0])));
+        Ok(singles.into_iter().flatten().any(|effect| guided.takes_away(effect) >= MOST))
     }
 }
 
 /// Shares of the cost under the guide that candidates take away.
+#[derive(Clone)]
 pub(super) struct UnderGuide {
     shares: Vec<(&'static dyn Effect, f64)>,
     /// What is missing shows there: the shares say who is out of question. Where it does not, they only say who leads.

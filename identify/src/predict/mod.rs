@@ -2,6 +2,7 @@
 
 mod imposed;
 mod past;
+mod settled;
 
 use imposed::{CLOSE, STEPS, impose_sensitivity};
 use model::effects::EffectSet;
@@ -10,6 +11,7 @@ use model::port::PortKind;
 use model::rec::{self, Input, Lever, STATES, state};
 use model::scalar::{Scalar, Tangent};
 use past::remember_sensitivity;
+use settled::{Stop, stops};
 
 use crate::guide::Pull;
 use crate::layout::Layout;
@@ -31,6 +33,8 @@ const DEGREES: f64 = 180.0 / std::f64::consts::PI;
 const STEP_FREE_S: f64 = 1e-3;
 /// Longest step where it is led, s.
 const STEP_LED_S: f64 = 1e-2;
+/// Longest step where it is clamped, or where the pressures are known as well, s, unless something there is faster than a step where it is led.
+const STEP_CLAMPED_S: f64 = 5e-2;
 
 /// One simulation of a stretch: the state, and what the sensors' effects shift the inputs by.
 struct Run<'a> {
@@ -73,8 +77,12 @@ impl<'a> Run<'a> {
             }
             shift_rad = shown[0] - x[state::ANGLE];
         }
-        let longest = if stretch.stand == Stand::Free { STEP_FREE_S } else { STEP_LED_S };
-        let integrator = Integrator::for_plant(longest, k, effects, &stands(stretch, &input), &x).resolving_creep();
+        let within = |longest_s: f64| Integrator::for_plant(longest_s, k, effects, &stands(stretch, &input), &x);
+        let integrator = match stretch.stand {
+            Stand::Free => within(STEP_FREE_S).resolving_creep(),
+            Stand::Led | Stand::Drained if within(STEP_LED_S).longest_s() >= STEP_LED_S => within(STEP_CLAMPED_S),
+            _ => within(STEP_LED_S),
+        };
         let trail = Trail::new(k);
         let led = !stretch.angle_rad.is_empty() && stretch.stand != Stand::Bench;
         let carried = led && effects.touches(PortKind::Sensor);
@@ -93,20 +101,22 @@ impl<'a> Run<'a> {
         self.stretch.time_s[i + 1] - self.stretch.time_s[i]
     }
 
-    fn advance(&mut self, i: usize) -> Result<(), SimulationError> {
-        let dt = self.step_length(i);
+    /// Advances from row `i` to row `to`, between which nothing but the state changes.
+    fn advance(&mut self, i: usize, to: usize) -> Result<(), SimulationError> {
+        let dt = self.stretch.time_s[to] - self.stretch.time_s[i];
         let (input, t) = (self.input(i, dt), self.stretch.time_s[i]);
         self.integrator.advance_along(&mut self.trail, &input, self.k, self.effects, t, dt, &mut self.x)
     }
 
-    /// Advances from row `i` to the next; `piece(input, middle's time, length, state in the middle)` for each smooth piece.
+    /// The same; `piece(input, middle's time, length, state in the middle)` for each smooth piece.
     #[inline(always)]
     fn advance_with(
         &mut self,
         i: usize,
+        to: usize,
         mut piece: impl FnMut(&Input, f64, f64, &[f64]),
     ) -> Result<(), SimulationError> {
-        let dt = self.step_length(i);
+        let dt = self.stretch.time_s[to] - self.stretch.time_s[i];
         let input = self.input(i, dt);
         let t = self.stretch.time_s[i];
         let (k, effects) = (self.k, self.effects);
@@ -172,13 +182,15 @@ pub fn predict(
     let mut run = Run::start(stretch, &k, &effects, initial);
     let mut means = Means::new(stretch);
     let mut out = Vec::with_capacity(stretch.targets.len());
-    for i in 0..stretch.rows() {
+    let stops = stops(stretch, run.carried);
+    for (n, stop) in stops.iter().enumerate() {
+        let i = stop.row;
         run.impose(i);
         let y = run.outputs(i);
-        means.add(stretch, i, &y, &mut out);
-        if i + 1 < stretch.rows() {
+        means.add(stretch, stop, &y, &mut out);
+        if let Some(next) = stops.get(n + 1) {
             run.follow(i, &y);
-            run.advance(i)?;
+            run.advance(i, next.row)?;
         }
     }
     Ok(out)
@@ -200,7 +212,7 @@ pub fn predict_rows(
         out.push(y);
         if i + 1 < stretch.rows() {
             run.follow(i, &y);
-            run.advance(i)?;
+            run.advance(i, i + 1)?;
         }
     }
     Ok(out)
@@ -209,30 +221,30 @@ pub fn predict_rows(
 /// Running means over the blocks, of the rows where the channel was measured.
 struct Means {
     sum: [f64; 5],
-    count: [usize; 5],
+    weight: [f64; 5],
     block: usize,
 }
 
 impl Means {
     fn new(_: &Stretch) -> Self {
-        Means { sum: [0.0; 5], count: [0; 5], block: 0 }
+        Means { sum: [0.0; 5], weight: [0.0; 5], block: 0 }
     }
 
-    /// Adds row `i`; at a block's end its means go to `out`, in the order of the stretch's targets.
-    fn add(&mut self, s: &Stretch, i: usize, y: &[f64; 5], out: &mut Vec<f64>) {
+    /// Adds a row; at a block's end its means go to `out`, in the order of the stretch's targets.
+    fn add(&mut self, s: &Stretch, &Stop { row: i, weight }: &Stop, y: &[f64; 5], out: &mut Vec<f64>) {
         for (c, value) in y.iter().enumerate() {
             if !s.measured[c].is_empty() && s.measured[c][i].is_finite() {
-                self.sum[c] += value;
-                self.count[c] += 1;
+                self.sum[c] += weight * value;
+                self.weight[c] += weight;
             }
         }
         if i + 1 == s.blocks[self.block + 1] {
             for c in 0..5 {
-                if self.count[c] > 0 {
-                    out.push(self.sum[c] / self.count[c] as f64);
+                if self.weight[c] > 0.0 {
+                    out.push(self.sum[c] / self.weight[c]);
                 }
             }
-            *self = Means { sum: [0.0; 5], count: [0; 5], block: self.block + 1 };
+            *self = Means { sum: [0.0; 5], weight: [0.0; 5], block: self.block + 1 };
         }
     }
 }
@@ -266,13 +278,15 @@ pub fn linearise(
     let mut slope = vec![0.0; stretch.targets.len() * all];
     let mut next_target = 0;
     let shifted = effects.touches(PortKind::Sensor);
-    for i in 0..stretch.rows() {
+    let stops = stops(stretch, run.carried);
+    for (n, stop) in stops.iter().enumerate() {
+        let i = stop.row;
         run.impose(i);
         if shifted {
             impose_sensitivity(stretch, &run, &seeds, &mut s, i);
         }
         let y = run.outputs(i);
-        means.add(stretch, i, &y, &mut predicted);
+        means.add(stretch, stop, &y, &mut predicted);
         // targets are ordered by block; within a block their middle rows may differ
         let open = stretch.targets[next_target..].iter().take(5).enumerate();
         for (n, target) in open.filter(|(_, t)| t.middle == i).map(|(n, t)| (next_target + n, t)) {
@@ -281,10 +295,10 @@ pub fn linearise(
         while next_target < predicted.len() {
             next_target += 1;
         }
-        if i + 1 < stretch.rows() {
+        if let Some(next) = stops.get(n + 1) {
             follow_sensitivity(stretch, &run, &seeds, &mut s, i);
             run.follow(i, &y);
-            run.advance_with(i, |input, t, dt, middle| s.advance(&seeds, input, t, dt, middle))?;
+            run.advance_with(i, next.row, |input, t, dt, middle| s.advance(&seeds, input, t, dt, middle))?;
         }
     }
     Ok(Linear { predicted, slope })

@@ -17,7 +17,7 @@ impl Run<'_> {
         let mut before = Run::start(past, k, effects, &[0.0; 3]);
         let mut on = |i: usize| {
             before.impose(i);
-            before.advance(i)
+            before.advance(i, i + 1)
         };
         if (0..past.rows() - 1).try_for_each(&mut on).is_ok() {
             for own in effects.at_chambers() {
@@ -39,7 +39,7 @@ pub(super) fn remember_sensitivity(run: &Run, seeds: &Seeds, s: &mut Sensitivity
         if shifted {
             impose_sensitivity(past, &before, seeds, &mut told, i);
         }
-        if before.advance_with(i, |input, t, dt, middle| told.advance(seeds, input, t, dt, middle)).is_err() {
+        if before.advance_with(i, i + 1, |input, t, dt, middle| told.advance(seeds, input, t, dt, middle)).is_err() {
             return;
         }
     }

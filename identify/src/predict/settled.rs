@@ -1,0 +1,125 @@
+//! Rows at which the simulation of a stretch stops.
+//!
+//! While a lever is clamped and nothing that drives the oil has changed for some time, what the sensors show bends so little within a block that its mean
+//! follows from the first row, the middle one and the last: by the parabola through them. Nearly all of a torque map is of that kind, and a third of its
+//! rows are enough.
+
+use crate::prepare::{Stand, Stretch};
+
+/// A row, and its weight in the mean of its block.
+pub(super) struct Stop {
+    pub row: usize,
+    pub weight: f64,
+}
+
+/// Time after a change of an input from which on the oil only relaxes, s: a pump, a valve or a line has followed long before.
+const SETTLED_S: f64 = 1.0;
+
+/// The stops of a stretch, in order: all rows, but for those of a block between its first, middle and last where it is settled. `carried`: the lever's
+/// true angle has to be found at every row.
+pub(super) fn stops(stretch: &Stretch, carried: bool) -> Vec<Stop> {
+    if stretch.stand != Stand::Led || carried {
+        return (0..stretch.rows()).map(|row| Stop { row, weight: 1.0 }).collect();
+    }
+    let mut out = Vec::new();
+    let mut changed = 0;
+    for block in stretch.blocks.windows(2) {
+        let (first, last) = (block[0], block[1] - 1);
+        let ever = (first.max(1)..=last).rfind(|&i| !goes_on(stretch, i));
+        changed = ever.unwrap_or(changed);
+        let middle = first + (last + 1 - first) / 2;
+        let settled = stretch.time_s[first] - stretch.time_s[changed] > SETTLED_S;
+        if settled && last - first > 3 && is_complete(stretch, first, last) {
+            let rows = [first, middle, last];
+            out.extend(rows.into_iter().zip(weights(&stretch.time_s, rows)).map(|(row, weight)| Stop { row, weight }));
+        } else {
+            out.extend((first..=last).map(|row| Stop { row, weight: 1.0 }));
+        }
+    }
+    out
+}
+
+/// The inputs at a row are those of the row before.
+fn goes_on(s: &Stretch, i: usize) -> bool {
+    s.voltage_v[i] == s.voltage_v[i - 1]
+        && s.brake_open[i] == s.brake_open[i - 1]
+        && s.bypass_open[i] == s.bypass_open[i - 1]
+        && s.angle_rad[i] == s.angle_rad[i - 1]
+}
+
+/// Every channel that is compared was measured at each of these rows.
+fn is_complete(s: &Stretch, first: usize, last: usize) -> bool {
+    s.measured.iter().filter(|m| !m.is_empty()).all(|m| m[first..=last].iter().all(|v| v.is_finite()))
+}
+
+/// What the values at these three rows weigh in the mean over all rows from the first to the last, by the parabola through them.
+fn weights(time_s: &[f64], rows: [usize; 3]) -> [f64; 3] {
+    let at = rows.map(|row| time_s[row]);
+    let all = &time_s[rows[0]..=rows[2]];
+    [0, 1, 2].map(|j| {
+        let (one, other) = (at[(j + 1) % 3], at[(j + 2) % 3]);
+        let sum: f64 = all.iter().map(|t| (t - one) * (t - other) / ((at[j] - one) * (at[j] - other))).sum();
+        sum / all.len() as f64
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::prepare::stretches;
+    use recordings::{Plane, Protocol, Recording};
+
+    /// A lever that is clamped for 8 s; the voltage changes after 4 s, and one reading of the torque, after 7 s, is missing.
+    fn clamped() -> Stretch {
+        let rows = 800;
+        let row = |i: usize| i as f64 * 0.01;
+        let mut r = Recording {
+            time_s: (0..rows).map(row).collect(),
+            voltage_v: (0..rows).map(|i| if i < 400 { 1.5 } else { -1.5 }).collect(),
+            angle_deg: vec![10.0; rows],
+            pressure1_bar: (0..rows).map(|i| 2.5 + 0.1 * row(i)).collect(),
+            pressure2_bar: (0..rows).map(|i| 2.5 - 0.1 * row(i)).collect(),
+            torque_nm: (0..rows).map(row).collect(),
+            volume_ml: vec![f64::NAN; rows],
+            brake_open: vec![true; rows],
+            bypass_open: vec![false; rows],
+            segment: vec![0; rows],
+        };
+        r.torque_nm[700] = f64::NAN;
+        let mut cut = stretches(0, "t.csv", Protocol::TorqueMap, Plane::Horizontal, &r).expect("a stretch");
+        cut.remove(0)
+    }
+
+    #[test]
+    fn three_rows_of_a_block_are_enough_long_after_a_change_where_all_was_measured() {
+        let s = clamped();
+        let all = stops(&s, false);
+        let rows_of = |from_s: f64, to_s: f64| {
+            all.iter().filter(|stop| (from_s - 1e-6..to_s - 1e-6).contains(&s.time_s[stop.row])).count()
+        };
+        assert_eq!((rows_of(0.0, 1.0), rows_of(4.0, 5.0)), (100, 100), "it relaxes");
+        assert_eq!((rows_of(2.0, 3.0), rows_of(6.0, 6.9)), (30, 27));
+        assert_eq!(rows_of(7.0, 7.1), 10, "a mean over nine rows");
+        assert!(all.windows(2).all(|w| w[0].row < w[1].row));
+        for block in s.blocks.windows(2) {
+            let own: Vec<&Stop> = all.iter().filter(|stop| (block[0]..block[1]).contains(&stop.row)).collect();
+            assert!(
+                own.last().is_some_and(|stop| stop.row + 1 == block[1]),
+                "a mean is done with its block's last row"
+            );
+            let middles = s.targets.iter().map(|t| t.middle).filter(|m| (block[0]..block[1]).contains(m));
+            assert!(middles.into_iter().all(|m| own.iter().any(|stop| stop.row == m)), "where derivatives are taken");
+        }
+        assert_eq!(stops(&s, true).len(), s.rows(), "a lever whose true angle is to be found");
+    }
+
+    #[test]
+    fn a_mean_follows_from_three_rows_whatever_their_distances() {
+        let time_s = [0.0, 0.01, 0.02, 0.035, 0.04, 0.05, 0.061];
+        let of = |t: f64| 3.0 - 2.0 * t + 40.0 * t * t;
+        let rows = [0, 3, 6];
+        let mean = time_s.iter().map(|t| of(*t)).sum::<f64>() / time_s.len() as f64;
+        let by_three: f64 = rows.iter().zip(weights(&time_s, rows)).map(|(row, w)| w * of(time_s[*row])).sum();
+        assert!((mean - by_three).abs() < 1e-12, "{mean} {by_three}");
+    }
+}
