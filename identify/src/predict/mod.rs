@@ -1,9 +1,10 @@
 //! What a model of the REC rig says about a stretch: free run from its initial state, with the recorded inputs.
 
+mod blocks;
 mod imposed;
 mod past;
-mod settled;
 
+use blocks::{Means, stops};
 use imposed::{CLOSE, STEPS, impose_sensitivity};
 use model::effects::EffectSet;
 use model::integrate::{Integrator, Seeds, Sensitivity, SimulationError, Trail};
@@ -11,7 +12,6 @@ use model::port::PortKind;
 use model::rec::{self, Input, Lever, STATES, state};
 use model::scalar::{Scalar, Tangent};
 use past::remember_sensitivity;
-use settled::{Stop, stops};
 
 use crate::guide::Pull;
 use crate::layout::Layout;
@@ -180,7 +180,7 @@ pub fn predict(
 ) -> Result<Vec<f64>, SimulationError> {
     let (k, effects) = layout.expand(theta);
     let mut run = Run::start(stretch, &k, &effects, initial);
-    let mut means = Means::new(stretch);
+    let mut means = Means::new();
     let mut out = Vec::with_capacity(stretch.targets.len());
     let stops = stops(stretch, run.carried);
     for (n, stop) in stops.iter().enumerate() {
@@ -218,37 +218,6 @@ pub fn predict_rows(
     Ok(out)
 }
 
-/// Running means over the blocks, of the rows where the channel was measured.
-struct Means {
-    sum: [f64; 5],
-    weight: [f64; 5],
-    block: usize,
-}
-
-impl Means {
-    fn new(_: &Stretch) -> Self {
-        Means { sum: [0.0; 5], weight: [0.0; 5], block: 0 }
-    }
-
-    /// Adds a row; at a block's end its means go to `out`, in the order of the stretch's targets.
-    fn add(&mut self, s: &Stretch, &Stop { row: i, weight }: &Stop, y: &[f64; 5], out: &mut Vec<f64>) {
-        for (c, value) in y.iter().enumerate() {
-            if !s.measured[c].is_empty() && s.measured[c][i].is_finite() {
-                self.sum[c] += weight * value;
-                self.weight[c] += weight;
-            }
-        }
-        if i + 1 == s.blocks[self.block + 1] {
-            for c in 0..5 {
-                if self.weight[c] > 0.0 {
-                    out.push(self.sum[c] / self.weight[c]);
-                }
-            }
-            *self = Means { sum: [0.0; 5], weight: [0.0; 5], block: self.block + 1 };
-        }
-    }
-}
-
 /// Predictions with their derivatives. The derivative of a block's mean is taken at the block's middle row.
 pub fn linearise(
     stretch: &Stretch,
@@ -273,7 +242,7 @@ pub fn linearise(
     start_sensitivity(stretch, &run, &seeds, &mut s, columns);
     remember_sensitivity(&run, &seeds, &mut s, columns);
 
-    let mut means = Means::new(stretch);
+    let mut means = Means::new();
     let mut predicted = Vec::with_capacity(stretch.targets.len());
     let mut slope = vec![0.0; stretch.targets.len() * all];
     let mut next_target = 0;

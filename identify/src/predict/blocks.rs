@@ -1,4 +1,4 @@
-//! Rows at which the simulation of a stretch stops.
+//! The rows of a block at which a simulation stops, and their mean, with which a target is compared.
 //!
 //! While a lever is clamped and nothing that drives the oil has changed for some time, what the sensors show bends so little within a block that its mean
 //! follows from the first row, the middle one and the last: by the parabola through them. Nearly all of a torque map is of that kind, and a third of its
@@ -61,6 +61,37 @@ fn weights(time_s: &[f64], rows: [usize; 3]) -> [f64; 3] {
         let sum: f64 = all.iter().map(|t| (t - one) * (t - other) / ((at[j] - one) * (at[j] - other))).sum();
         sum / all.len() as f64
     })
+}
+
+/// Running means over the blocks, of the rows where the channel was measured.
+pub(super) struct Means {
+    sum: [f64; 5],
+    weight: [f64; 5],
+    block: usize,
+}
+
+impl Means {
+    pub(super) fn new() -> Self {
+        Means { sum: [0.0; 5], weight: [0.0; 5], block: 0 }
+    }
+
+    /// Adds a row; at a block's end its means go to `out`, in the order of the stretch's targets.
+    pub(super) fn add(&mut self, s: &Stretch, &Stop { row: i, weight }: &Stop, y: &[f64; 5], out: &mut Vec<f64>) {
+        for (c, value) in y.iter().enumerate() {
+            if !s.measured[c].is_empty() && s.measured[c][i].is_finite() {
+                self.sum[c] += weight * value;
+                self.weight[c] += weight;
+            }
+        }
+        if i + 1 == s.blocks[self.block + 1] {
+            for c in 0..5 {
+                if self.weight[c] > 0.0 {
+                    out.push(self.sum[c] / self.weight[c]);
+                }
+            }
+            *self = Means { block: self.block + 1, ..Means::new() };
+        }
+    }
 }
 
 #[cfg(test)]
