@@ -179,3 +179,30 @@ fn frictions_that_stand_in_each_other_s_place_change_places_where_the_guide_lets
     assert!(costs[0] > 1.2, "the guide lets go of the wrong one as well: {costs:?}");
     assert!(costs.iter().any(|cost| *cost < 1.1), "{costs:?}");
 }
+
+#[test]
+fn what_no_name_explains_lies_where_terms_lead_that_follow_what_was_measured() {
+    let truth = Parameters::example();
+    // an encoder whose error is a wave over its own angle
+    let shown = |seed: u64| {
+        let mut r = dynamic(&truth, None, 16.0, seed);
+        r.angle_deg.iter_mut().for_each(|angle| *angle += 4.0 * (10.0 * angle.to_radians()).sin());
+        r
+    };
+    let problem = problem(&[7, 8, 9].map(shown));
+    let layout = layout(&truth);
+    let component = layout.vector_of(&truth);
+    let bent = fit(&problem, &layout, problem.point(component.clone()), Effort::default()).unwrap();
+    let library = ["torque_cubic", "backlash", "pump_lag", "cross_leakage"].map(|id| find(id).unwrap());
+    let base = Declared { problem: &problem, fit: &bent, component: &component };
+    let found = diagnose_declared(&library, &base, &|text| println!("{text}")).unwrap();
+    let names: Vec<&str> = found.effects.iter().map(|a| a.effect.header().id).collect();
+    let targets = problem.targets() as f64;
+    assert!(bent.cost > 500.0 * targets, "gross: {}", bent.cost / targets);
+    assert_eq!((found.verdict, &names[..]), (Verdict::Unrecognised, &["empirical_sensor"][..]));
+    assert!(
+        found.after.cost < 2.0 * targets,
+        "terms of the fifth order follow the wave: {}",
+        found.after.cost / targets
+    );
+}

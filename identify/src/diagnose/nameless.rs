@@ -210,11 +210,16 @@ fn empirical(
     gains.sort_by(|a, b| b.0.total_cmp(&a.0));
     tracing::debug!(?gains, "nameless terms");
     let top = gains.first().map_or(0.0, |(g, _)| *g);
-    let led = under.filter(|under| under.led).and_then(|_| first.guided(search));
-    let bases = search.bases(round, led, false);
+    // a free run that is elsewhere than the rig was leads no terms, neither those that are missing nor those that are not
+    let shows = under.filter(|under| under.shows);
+    let bases = search.bases(round, shows.and_then(|_| first.guided(search)), false);
     let open = |e: &'static dyn Effect| under.is_none_or(|under| !under.rules_out(e));
     let worth = gains.into_iter().filter(|(g, e)| *g > 0.3 * top && open(*e)).take(3);
-    let sets: Vec<Vec<&'static dyn Effect>> = worth.map(|(_, e)| vec![e]).collect();
+    let mut sets: Vec<Vec<&'static dyn Effect>> = worth.map(|(_, e)| vec![e]).collect();
+    if let Some(under) = shows {
+        // beside the first that explains all nobody is led
+        sets.sort_by(|a, b| under.share(b[0]).total_cmp(&under.share(a[0])));
+    }
     let (clusters, _) = crate::score::clusters(&search.brief);
     let (mut told, mut fits) = (Vec::new(), Vec::new());
     for refit in refit_all(&search.brief, &bases, round, &sets, None, search.progress) {

@@ -123,7 +123,8 @@ impl UnderGuide {
         self.shares.first().map_or(0.0, |(_, share)| *share)
     }
 
-    fn share(&self, effect: &'static dyn Effect) -> f64 {
+    /// What this candidate takes away; 0 where it was none.
+    pub fn share(&self, effect: &'static dyn Effect) -> f64 {
         let own = |(e, _): &&(&'static dyn Effect, f64)| e.header().id == effect.header().id;
         self.shares.iter().find(own).map_or(0.0, |(_, share)| *share)
     }
