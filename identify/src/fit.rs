@@ -188,14 +188,7 @@ const REJECTED: usize = 2;
 
 /// Holds the effects' shapes; false where all of them are held already.
 fn held_shapes(held: &mut [bool], layout: &Layout) -> bool {
-    let mut any = false;
-    for (n, effect) in layout.effects.iter().enumerate() {
-        let first = layout.first_of(n);
-        for (i, _) in effect.header().parameters.iter().enumerate().filter(|(_, p)| !p.size) {
-            any |= !std::mem::replace(&mut held[first + i], true);
-        }
-    }
-    any
+    layout.shapes().into_iter().fold(false, |any, i| any | !std::mem::replace(&mut held[i], true))
 }
 
 fn clip(theta: &mut [f64], bounds: &[(f64, f64)]) {

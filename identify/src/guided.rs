@@ -73,7 +73,7 @@ const LEAPS: [f64; 4] = [1.0 / 16.0, 0.25, 4.0, 16.0];
 const NEAR: f64 = 4.0;
 /// and so many of them are followed.
 const FOLLOWED: usize = 3;
-/// Share by which a value differs at least between two places.
+/// Share by which a shape differs at least between two places.
 const ONE_PLACE: f64 = 0.1;
 /// From no more where a few steps take away this share of what is missing: a false minimum leaves more.
 const ALL_BUT: f64 = 0.95;
@@ -108,7 +108,7 @@ impl Guided {
     fn in_other_shapes(&self) -> Vec<Fit> {
         let Some((tight, here)) = self.tightest() else { return Vec::new() };
         let bounds = here.layout.bounds();
-        let leaps = shapes(&here.layout).into_iter().flat_map(|i| {
+        let leaps = here.layout.shapes().into_iter().flat_map(|i| {
             let (lower, upper) = bounds[i];
             let mut values = LEAPS.map(|factor| (factor * here.point.theta[i]).clamp(lower, upper)).to_vec();
             values.dedup();
@@ -118,7 +118,7 @@ impl Guided {
         let landed = leaps.filter_map(|(i, value)| {
             let mut point = here.point.clone();
             point.theta[i] = value;
-            fit(tight, &here.layout, self.with_room(point), GLANCE).ok()
+            fit(tight, &here.layout, point, GLANCE).ok()
         });
         let mut landed: Vec<Fit> = landed.filter(|led| led.cost < NEAR * here.cost).collect();
         landed.sort_by(|a, b| a.cost.total_cmp(&b.cost));
@@ -126,20 +126,6 @@ impl Guided {
         // one that is on its way back leads nowhere else
         let elsewhere = places([here.clone()].into_iter().chain(landed)).into_iter().skip(1).take(FOLLOWED);
         elsewhere.filter_map(|led| fit(tight, &here.layout, led.point, FEW).ok()).collect()
-    }
-
-    /// The point, or, where that costs less under the tightest guide, it with one base parameter where no effect has bent it: what stands in the place of a
-    /// shape that leaps makes room for it.
-    fn with_room(&self, point: Point) -> Point {
-        let Some((tight, here)) = self.tightest() else { return point };
-        let bent = (0..here.layout.first_of(0)).filter(|&j| !is_alike(point.theta[j], self.unbent.theta[j]));
-        let unbent = bent.map(|j| {
-            let mut other = point.clone();
-            other.theta[j] = self.unbent.theta[j];
-            other
-        });
-        let costly = std::iter::once(point.clone()).chain(unbent).map(|p| (tight.cost(&here.layout, &p), p));
-        costly.min_by(|a, b| a.0.total_cmp(&b.0)).map_or(point, |(_, p)| p)
     }
 
     /// What is missing shows under the tightest guide.
@@ -265,26 +251,13 @@ impl Guided {
     }
 }
 
-/// Columns of the shapes of a layout's effects.
-fn shapes(layout: &Layout) -> Vec<usize> {
-    let each = layout.effects.iter().enumerate().flat_map(|(n, effect)| {
-        let own = effect.header().parameters.iter().enumerate().filter(|(_, p)| !p.size);
-        own.map(move |(i, _)| layout.first_of(n) + i)
-    });
-    each.collect()
-}
-
-/// Two values differ by less than matters to where a fit goes from them.
-fn is_alike(a: f64, b: f64) -> bool {
-    (a - b).abs() <= ONE_PLACE * a.abs().max(b.abs())
-}
-
 /// The first fit at each place, for fits of one layout: where no shape differs by a tenth they are on the way to one minimum.
 fn places(fits: impl IntoIterator<Item = Fit>) -> Vec<Fit> {
     let mut out: Vec<Fit> = Vec::new();
     for fit in fits {
-        let shapes = shapes(&fit.layout);
-        let known = |other: &Fit| shapes.iter().all(|&i| is_alike(fit.point.theta[i], other.point.theta[i]));
+        let shapes = fit.layout.shapes();
+        let alike = |a: f64, b: f64| (a - b).abs() <= ONE_PLACE * a.abs().max(b.abs());
+        let known = |other: &Fit| shapes.iter().all(|&i| alike(fit.point.theta[i], other.point.theta[i]));
         if !out.iter().any(known) {
             out.push(fit);
         }
@@ -319,31 +292,6 @@ mod tests {
         let all = [[1.0, 0.2, 0.01], [2.0, 0.21, 0.0101], [1.0, 0.2, 0.02], [1.0, 0.8, 0.01], [1.1, 0.2, 0.0199]];
         let found = places(all.into_iter().zip(1..).map(|(values, cost)| at(f64::from(cost), values)));
         assert_eq!(found.iter().map(|fit| fit.cost).collect::<Vec<_>>(), [1.0, 3.0, 4.0], "the first of each");
-    }
-
-    #[test]
-    fn the_base_parameter_that_stands_in_the_place_of_a_shape_makes_room_for_it() {
-        let truth = model::Parameters::example();
-        let friction = find("stribeck_friction").expect("an effect");
-        let values = [1.1, 0.06, 0.004];
-        let run = crate::common::dynamic(&truth, Some((friction, values.to_vec())), 8.0, 7);
-        let problem = crate::common::problem(&[run]);
-        let layout = crate::common::layout(&truth).with(friction);
-        let a = layout.names().iter().position(|n| n == "a").expect("the width of the losses");
-        let w_s = layout.first_of(0) + 2;
-        let mut known = crate::common::layout(&truth).vector_of(&truth);
-        known.extend(values);
-        // the losses have taken the friction's narrow reversal, and it theirs
-        let mut taken = known.clone();
-        (taken[a], taken[w_s]) = (0.005, 0.05);
-        let guided = Guided::new(&problem, &layout, &taken, &known).expect("a rig that can be guided");
-        let mut leapt = problem.point(taken.clone());
-        leapt.theta[w_s] *= LEAPS[0];
-        let room = guided.with_room(leapt.clone());
-        leapt.theta[a] = known[a];
-        assert_eq!(room.theta, leapt.theta, "the losses' width alone is where it was without the friction");
-        let here = guided.fit.point.clone();
-        assert_eq!(guided.with_room(here.clone()).theta, here.theta, "nothing stands in the way of where it is");
     }
 
     #[test]

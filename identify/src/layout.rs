@@ -69,6 +69,15 @@ impl Layout {
         self.base.len() + self.effects[..n].iter().map(|e| e.header().parameters.len()).sum::<usize>()
     }
 
+    /// Entries of the effects' shapes: parameters that are no sizes.
+    pub fn shapes(&self) -> Vec<usize> {
+        let each = self.effects.iter().enumerate().flat_map(|(n, effect)| {
+            let own = effect.header().parameters.iter().enumerate().filter(|(_, p)| !p.size);
+            own.map(move |(i, _)| self.first_of(n) + i)
+        });
+        each.collect()
+    }
+
     /// Plant parameters and effects for these values.
     pub fn expand<S: Number>(&self, theta: &[S]) -> (Vec<S>, EffectSet<S>) {
         let mut k: Vec<S> = self.fixed.iter().map(|v| S::constant(*v)).collect();

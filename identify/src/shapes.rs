@@ -80,7 +80,7 @@ pub fn search(problem: &Problem, found: Fit, effort: Effort) -> Fit {
 /// The same parameters with all shapes held.
 pub fn held(layout: &Layout) -> Layout {
     let mut held = layout.clone();
-    held.held.extend(shapes_of(layout).iter().map(|s| s.entry));
+    held.held.extend(layout.shapes());
     held
 }
 

@@ -56,16 +56,15 @@ impl<'a> Round<'a> {
         self.guided.get_or_init(|| guided(search.problem, self.scene.fit, search.component)).as_ref()
     }
 
-    /// What the effects that the current model lacks take away linearly under its guide.
-    pub fn under_guide(
-        &self,
-        guided: &Guided,
-        open: &[&'static dyn Effect],
-    ) -> Result<Option<UnderGuide>, SimulationError> {
+    /// What the effects that the current model lacks take away linearly under its guide; `None` where the plant's can't be guided.
+    pub fn under_guide(&self, search: &Search) -> Result<Option<UnderGuide>, SimulationError> {
         if let Some(known) = self.under_guide.get() {
             return Ok(known.clone());
         }
-        let asked = UnderGuide::of(guided, open)?;
+        let asked = match self.guided(search) {
+            Some(guided) => UnderGuide::of(guided, &search.open(self.scene.fit))?,
+            None => None,
+        };
         Ok(self.under_guide.get_or_init(|| asked).clone())
     }
 

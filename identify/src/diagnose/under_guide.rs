@@ -49,7 +49,7 @@ impl Search<'_> {
     ) -> Result<Vec<Vec<&'static dyn Effect>>, SimulationError> {
         let shortlist = round.shortlist(open, if bases.gross { 6 } else { 5 });
         let Some(guided) = bases.guided else { return Ok(shortlist) };
-        let Some(mut under) = round.under_guide(guided, open)? else { return Ok(shortlist) };
+        let Some(mut under) = round.under_guide(self)? else { return Ok(shortlist) };
         let in_free_run = open.iter().map(|e| round.gram.gain(&round.of(e.header().id)) / bases.scene.fit.cost);
         let in_free_run = in_free_run.fold(0.0, f64::max);
         if !under.shows {
@@ -73,13 +73,12 @@ impl Search<'_> {
     /// Beside a name that does not lead out of a gross misfit a candidate takes away most of what is missing under the guide.
     pub fn leads_out(&self, round: &Round) -> Result<bool, SimulationError> {
         let Some(guided) = round.guided(self).filter(|guided| guided.lacks()) else { return Ok(false) };
-        let open = self.open(round.scene.fit);
-        let Some(linearly) = round.under_guide(guided, &open)? else { return Ok(false) };
+        let Some(linearly) = round.under_guide(self)? else { return Ok(false) };
         if linearly.takes_most() {
             return Ok(true);
         }
         // the likeliest first: one is enough
-        let mut singles = linearly.joined(round.shortlist(&open, 6));
+        let mut singles = linearly.joined(round.shortlist(&self.open(round.scene.fit), 6));
         singles.retain(|set| set.len() == 1);
         singles.sort_by(|a, b| linearly.share(b[0]).total_cmp(&linearly.share(a[0])));
         Ok(singles.into_iter().flatten().any(|effect| guided.takes_away(effect) >= MOST))
@@ -93,7 +92,7 @@ pub(super) struct UnderGuide {
     /// What is missing shows there: the shares say who is out of question. Where it does not, they only say who leads.
     pub shows: bool,
     /// By a few steps from their starts instead of linearly.
-    pub led: bool,
+    led: bool,
 }
 
 impl UnderGuide {
