@@ -75,3 +75,37 @@ fn a_filling_whose_top_saturates_is_read_from_where_its_pressures_are_known() {
     let cut = filling(4.5);
     assert_eq!((cut.len(), cut[0].pressure_bar[0][0], readings(&cut)), (1, 4.0, vec![10.0, 20.0, 30.0]));
 }
+
+/// Three sweeps of 4 s, shut off, at 5 deg/s, without the angle that `silent` says of (sweep, seconds in it).
+fn sweeps(silent: impl Fn(usize, f64) -> bool) -> Vec<Stretch> {
+    let mut r = Recording::default();
+    for row in 0..1200 {
+        let (sweep, within_s) = (row / 400, (row % 400) as f64 * 0.01);
+        r.time_s.push(row as f64 * 0.01);
+        r.voltage_v.push(0.0);
+        r.angle_deg.push(if silent(sweep, within_s) { f64::NAN } else { 5.0 * within_s - 10.0 });
+        r.pressure1_bar.push(2.0 + sweep as f64);
+        r.pressure2_bar.push(2.0);
+        r.torque_nm.push(f64::NAN);
+        r.volume_ml.push(if within_s == 0.0 { 80.0 } else { f64::NAN });
+        r.brake_open.push(false);
+        r.bypass_open.push(false);
+        r.segment.push(sweep as i64);
+    }
+    stretches(0, "volume_map.csv", Protocol::VolumeMap, Plane::Horizontal, &r).unwrap()
+}
+
+#[test]
+fn a_sweep_without_its_angle_for_a_time_is_passed_over_and_a_short_gap_is_bridged() {
+    assert_eq!(sweeps(|_, _| false).len(), 3);
+    let bridged = sweeps(|sweep, t| sweep == 1 && (1.0..1.4).contains(&t));
+    assert_eq!(bridged.len(), 3);
+    let off_deg = bridged[1].angle_rad.iter().zip(&bridged[0].angle_rad).map(|(a, b)| (a - b).to_degrees().abs());
+    assert!(off_deg.fold(0.0, f64::max) < 1e-9, "a straight line");
+    for (from, to) in [(0.0, 0.9), (1.0, 1.9), (3.0, 4.0)] {
+        let left = sweeps(|sweep, t| sweep == 1 && (from..to).contains(&t));
+        let shown: Vec<f64> = left.iter().map(|s| s.initial[1]).collect();
+        assert_eq!(shown.len(), 2, "{from} .. {to} s: {shown:?}");
+        assert!((shown[0] - 2.0).abs() < 1e-9 && (shown[1] - 4.0).abs() < 1e-9, "{shown:?}");
+    }
+}

@@ -14,10 +14,14 @@ const FAR: f64 = 8.0;
 const KINK: f64 = 3.0;
 
 /// The same with an angle that the encoder's noise and steps hardly enter: the led lever is slow, and its angle is an input.
+/// A segment whose angle is missing for longer than [`BRIDGED_S`] stays as it is.
 pub(super) fn led_angle(r: &Recording) -> Recording {
     let noise = white_std(&r.angle_deg).unwrap_or(0.0).max(step(&r.angle_deg) / 12f64.sqrt());
     let mut out = r.clone();
     for (first, end) in segments(r) {
+        if is_torn((first..end).map(|i| (r.time_s[i], r.angle_deg[i]))) {
+            continue;
+        }
         let values = filled(&r.angle_deg[first..end]);
         let smooth = smoothed_along_kinks(&values, &r.time_s[first..end], LED_S, noise);
         out.angle_deg[first..end].copy_from_slice(&smooth);

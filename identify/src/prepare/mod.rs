@@ -119,7 +119,9 @@ pub fn stretches(
                     continue;
                 }
                 let mut s = cut(first, end, Stand::LedShutOff);
-                s.angle_rad = filled(&r.angle_deg[first..end]).iter().map(|a| a.to_radians()).collect();
+                let torn = is_torn((first..end).map(|i| (r.time_s[i], r.angle_deg[i])));
+                let angle_deg = if torn { vec![f64::NAN; end - first] } else { filled(&r.angle_deg[first..end]) };
+                s.angle_rad = angle_deg.iter().map(|a| a.to_radians()).collect();
                 initial_from_rows(&mut s, &r, first, 0.03, 0.1);
                 s.initial[0] = s.angle_rad[0];
                 for channel in [Channel::Pressure1, Channel::Pressure2] {
@@ -182,9 +184,9 @@ pub fn stretches(
                 }
                 let mut s = cut(first, end, Stand::Bench);
                 s.angle_rad = vec![0.0; end - first];
+                let torn = |c: Channel| is_torn((first..end).map(|i| (r.time_s[i], c.of(&r)[i])));
                 s.pressure_bar = PRESSURES.map(|c| {
-                    let torn = is_torn((first..end).map(|i| (r.time_s[i], c.of(&r)[i])));
-                    if torn {
+                    if torn(c) {
                         vec![f64::NAN; end - first]
                     } else {
                         smoothed(&filled(&c.of(&r)[first..end]), &s.time_s, 0.5)
