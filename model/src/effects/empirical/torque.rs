@@ -5,7 +5,7 @@ use crate::effects::{Balance, Header, Law, Parameter};
 use crate::port::{Port, PortKind, Rest};
 use crate::scalar::Scalar;
 
-static TORQUE: [Parameter; 24] = [
+static TORQUE: [Parameter; 25] = [
     term("constant", "Nm", 0.02),
     term("angle2", "Nm", 0.05),
     term("angle3", "Nm", 0.05),
@@ -22,16 +22,17 @@ static TORQUE: [Parameter; 24] = [
     term("past_angle", "Nm", 0.05),
     term("direction_creeping", "Nm", 0.05),
     term("direction_slow", "Nm", 0.05),
-    term("flat_sine", "Nm", 0.05),
-    term("flat_cosine", "Nm", 0.05),
+    term("sine", "Nm", 0.05),
+    term("cosine", "Nm", 0.05),
     term("wave6_sine", "Nm", 0.05),
     term("wave6_cosine", "Nm", 0.05),
     term("wave9_sine", "Nm", 0.05),
     term("wave9_cosine", "Nm", 0.05),
     term("wave12_sine", "Nm", 0.05),
     term("wave12_cosine", "Nm", 0.05),
+    term("upright_cosine", "Nm", 0.05),
 ];
-static TORQUE_STARTS: [[f64; 24]; 24] = typical(&TORQUE);
+static TORQUE_STARTS: [[f64; 25]; 25] = typical(&TORQUE);
 
 /// Phase by angle (rad/rad) of the terms that repeat: about what a stroke of two radians can tell apart, above what the powers of the angle bend to.
 const WAVES: [f64; 3] = [6.0, 9.0, 12.0];
@@ -45,7 +46,7 @@ impl Law for EmpiricalTorque {
         balance: Balance::Torque,
         ports: &[PortKind::Mechanical],
         summary: "a smooth torque over angle, velocity, pressure and time",
-        equation: "M += sum of c_i * term_i; angle in units of 0.7 rad, velocity direction tanh(w/0.03), creeping exp(-(w/0.05)^2), slow exp(-(w/0.3)^2), flat in the horizontal plane alone, waves of 6, 9, 12 rad of phase to a radian",
+        equation: "M += sum of c_i * term_i; angle in units of 0.7 rad, velocity direction tanh(w/0.03), creeping exp(-(w/0.05)^2), slow exp(-(w/0.3)^2), waves of 6, 9, 12 rad of phase to a radian, upright in the vertical plane alone",
         validity: VALIDITY,
         measure: MEASURE,
         literature: "",
@@ -76,9 +77,11 @@ impl Law for EmpiricalTorque {
                 let phase = m.angle_rad * waves;
                 m.torque_nm += k[18 + 2 * n] * phase.sin() + k[19 + 2 * n] * phase.cos();
             }
-            // what pulls where gravity is not expected; in the vertical plane its sine can't be told from gravity's own
-            if !m.vertical {
-                m.torque_nm += k[16] * m.angle_rad.sin() + k[17] * m.angle_rad.cos();
+            // what pulls where gravity is not expected. It acts in both planes, so that what it and other terms make of the runs of one plane together
+            // they make of the other as well; what the vertical plane has beside it is gravity's own sine, and a cosine
+            m.torque_nm += k[16] * m.angle_rad.sin() + k[17] * m.angle_rad.cos();
+            if m.vertical {
+                m.torque_nm += k[24] * m.angle_rad.cos();
             }
         }
     }
@@ -131,14 +134,22 @@ mod tests {
     }
 
     #[test]
-    fn what_the_planes_differ_by_is_in_one_of_them() {
-        for (term, expected) in [("flat_sine", 0.3 * 0.4f64.sin()), ("flat_cosine", 0.3 * 0.4f64.cos())] {
-            let k = alone::<EmpiricalTorque>(term, 0.3);
-            for (vertical, expected) in [(false, expected), (true, 0.0)] {
+    fn one_term_alone_tells_the_planes_apart() {
+        for term in &TORQUE {
+            let k = alone::<EmpiricalTorque>(term.name, 0.3);
+            let [flat, upright] = [false, true].map(|vertical| {
                 let mut m = MechanicalPort { vertical, ..MechanicalPort::at(1.0, 0.4, 0.5) };
-                EmpiricalTorque.act(&k, &[0.4 / 0.7], &mut [0.0], &mut Port::Mechanical(&mut m));
-                assert_eq!(m.torque_nm, expected, "{term}, vertical {vertical}");
-            }
+                EmpiricalTorque.act(&k, &[0.1], &mut [0.0], &mut Port::Mechanical(&mut m));
+                m.torque_nm
+            });
+            // beside them the vertical plane has gravity's sine, which is the base model's
+            let expected = match term.name {
+                "sine" => [0.3 * 0.4f64.sin(); 2],
+                "cosine" => [0.3 * 0.4f64.cos(); 2],
+                "upright_cosine" => [0.0, 0.3 * 0.4f64.cos()],
+                _ => [flat; 2],
+            };
+            assert_eq!([flat, upright], expected, "{}", term.name);
         }
     }
 
