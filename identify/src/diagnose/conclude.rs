@@ -225,6 +225,8 @@ const FORM_OF_TWO: f64 = 0.01;
 /// Terms that are preferred to these leave next to nothing of it: with terms for everything they always leave a little less. So must those that
 /// are preferred to one name that leaves a gross misfit, but no substantial part of the whole.
 const NEXT_TO_NOTHING: f64 = 0.2;
+/// One name of which less than this share of the whole is left (a thirtieth of its amplitude) is what is missing, however many noise floors its form leaves.
+const ALL_BUT_FORM: f64 = 0.001;
 /// Terms without a name, which are many, predict about as well as two names where they leave at most so many times as much.
 const ALIKE: f64 = 2.0;
 /// Terms without a name are preferred to a name that leaves more than noise where they leave less than this share of what the name
@@ -235,7 +237,7 @@ const NAMELESS: f64 = 0.5;
 /// such comparison. `largest`: what they leave, noise floors; `of_whole`: as a share of what there was.
 ///
 /// A name whose form leaves a substantial part must do better, and at least as well where that is a gross misfit; one that leaves less of it, but
-/// certainly more than noise, not much worse.
+/// certainly more than noise, not much worse, unless it is the thirtieth part of the amplitude.
 ///
 /// Two names that leave more than noise, and more than want of form would, are one thing imitated by two where terms of one balance fit the data better
 /// (which the caller must see to: the share is above 1) and leave about as much of what was left out: many a foreign effect is imitated by two. Two names `apart`, in
@@ -251,7 +253,7 @@ fn enough(names: usize, apart: bool, largest: f64, of_whole: f64) -> Option<f64>
     if of_whole >= SUBSTANTIAL {
         return (largest >= CONSISTENT).then_some(if largest > GROSS { 1.0 } else { NAMELESS });
     }
-    (largest > GROSS).then_some(NEXT_TO_NOTHING)
+    (largest > GROSS && of_whole >= ALL_BUT_FORM).then_some(NEXT_TO_NOTHING)
 }
 
 /// 1 - structured residual after / before, over the parts that decide.
@@ -312,6 +314,7 @@ mod tests {
         assert_eq!(enough(1, false, 0.3, 0.5), None, "noise, nearly");
         assert_eq!(enough(1, false, 1.0, 0.01), None, "a matter of its form");
         assert_eq!(enough(1, false, 2.0, 0.01), Some(NEXT_TO_NOTHING), "or the name of something else");
+        assert_eq!(enough(1, false, 14.0, 0.0003), None, "a stop of a thousand floors in another form");
         assert_eq!(enough(1, false, 1.0, 0.1), Some(NAMELESS));
         assert_eq!(enough(1, false, 30.0, 0.1), Some(1.0), "a gross part of the whole is no matter of form");
         assert_eq!(enough(1, false, 0.0, f64::NAN), None, "nothing was there");

@@ -15,37 +15,42 @@ use crate::problem::Problem;
 use crate::refit::advantage;
 
 impl Search<'_> {
-    /// The step without the first of its names that it does not need, fitted to the whole; `None` where it needs all. `brief`: its fit
-    /// to the brief runs.
+    /// The step without the first of its names that it does not need, neither on the brief runs nor on the whole ones, where an effect that acts now and
+    /// then (a valve's lag, when it switches) shows far more often; fitted to the whole. `None` where it needs all. `brief`: its fit to the brief runs.
     pub fn without_needless(&self, step: &Step, brief: &Fit) -> Result<Option<Step>, SimulationError> {
+        let on_brief = self.brief.residuals(&brief.layout, &brief.point)?;
         for name in step.names.iter().filter(|_| step.names.len() > 1) {
             let id = name.effect.header().id;
             let Some(n) = brief.layout.effects.iter().position(|e| e.header().id == id) else { continue };
-            let Some(less) = needless(&self.brief, brief, n)? else { continue };
+            let (layout, point) = brief.without(n);
+            let effort = Effort { iterations: 15, tolerance: 1e-6, ..Effort::default() };
+            let Ok(less) = crate::fit::fit(&self.brief, &layout, point, effort) else { continue };
+            let left = self.brief.residuals(&less.layout, &less.point)?;
+            if needs(&self.brief, id, (brief.cost, &on_brief), (less.cost, &left)) {
+                continue;
+            }
             let effort = Effort { iterations: 30, tolerance: 1e-6, ..Effort::default() };
-            let point = less.point;
-            let Ok(fit) = crate::fit::fit(self.problem, &less.layout, point, effort) else { continue };
+            let Ok(fit) = crate::fit::fit(self.problem, &less.layout, less.point, effort) else { continue };
             let names = step.names.iter().filter(|other| other.effect.header().id != id).cloned().collect();
+            let lean = self.step(fit, names)?;
+            if needs(self.problem, id, (step.fit.cost, &step.residual), (lean.fit.cost, &lean.residual)) {
+                continue;
+            }
             (self.progress)(&format!("{id} is not needed"));
-            return self.step(fit, names).map(Some);
+            return Ok(Some(lean));
         }
         Ok(None)
     }
 }
 
-/// The fit without its `n`-th effect, where it is as good, cluster by cluster, or where what that effect does would not matter.
-fn needless(problem: &Problem, fit: &Fit, n: usize) -> Result<Option<Fit>, SimulationError> {
+/// Whether a fit needs a name: its cost and residuals with it and without.
+fn needs(problem: &Problem, name: &str, with: (f64, &[Vec<f64>]), without: (f64, &[Vec<f64>])) -> bool {
     let (clusters, count) = crate::score::clusters(problem);
-    let with = problem.residuals(&fit.layout, &fit.point)?;
-    let (layout, point) = fit.without(n);
-    let effort = Effort { iterations: 15, tolerance: 1e-6, ..Effort::default() };
-    let Ok(less) = crate::fit::fit(problem, &layout, point, effort) else { return Ok(None) };
-    let left = problem.residuals(&less.layout, &less.point)?;
-    let (_, worse) = advantage(&left, &with, &clusters, count);
-    let does = does(problem, &with, &left, &colours(problem, &with));
-    let of_cost = 1.0 - fit.cost / less.cost;
-    tracing::info!(name = fit.layout.effects[n].header().id, worse, does, of_cost, "is the name needed");
-    Ok((!is_needed(worse, does, of_cost)).then_some(less))
+    let (_, worse) = advantage(without.1, with.1, &clusters, count);
+    let does = does(problem, with.1, without.1, &colours(problem, with.1));
+    let of_cost = 1.0 - with.0 / without.0;
+    tracing::info!(name, worse, does, of_cost, "is the name needed");
+    is_needed(worse, does, of_cost)
 }
 
 /// Share of the cost that matters: a tenth more of it is a third of a noise floor where the rest is noise, and more where it is not.
@@ -66,6 +71,45 @@ fn does(problem: &Problem, with: &[Vec<f64>], left: &[Vec<f64>], noise: &[Colour
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::common::{layout, problem, run};
+    use crate::diagnose::Declared;
+    use crate::diagnose::search::Name;
+    use model::Parameters;
+    use model::effects::{Effect, find};
+
+    /// Ids that a step with creep and a lag of the brake valve is left with, of runs of a rig with these effects; the brief runs end after one
+    /// switch of that valve.
+    fn left_of_creep_and_lag(acting: Vec<(&'static dyn Effect, Vec<f64>)>) -> Vec<&'static str> {
+        let truth = Parameters::example();
+        let runs = [7, 8, 9].map(|seed| run(&truth, acting.clone(), 20.0, seed));
+        let (problem, plain) = (problem(&runs), layout(&truth));
+        let component = plain.vector_of(&truth);
+        let bare = fit_of(&problem, &plain, problem.point(component.clone()));
+        let named = ["wall_creep", "brake_valve_lag"].map(|id| find(id).unwrap());
+        let both = plain.with(named[0]).with(named[1]);
+        let point = problem.point([component.clone(), vec![0.5, 1.5, 0.01, 0.01]].concat());
+        let fit = fit_of(&problem, &both, point);
+        let base = Declared { problem: &problem, fit: &bare, component: &component };
+        let mut search = Search::new(&[], &base, &|_| ());
+        search.brief = problem.shortened(8.0);
+        let brief = search.nested(&fit).unwrap();
+        let name = |effect| Name { effect, probability: 1.0, equivalent: Vec::new(), next_experiment: None };
+        let step = search.step(fit, named.map(name).to_vec()).unwrap();
+        let left = search.without_needless(&step, &brief).unwrap().unwrap_or(step);
+        left.ids().into_iter().collect()
+    }
+
+    fn fit_of(problem: &Problem, layout: &crate::layout::Layout, point: crate::problem::Point) -> Fit {
+        crate::fit::fit(problem, layout, point, Effort::default()).unwrap()
+    }
+
+    #[test]
+    fn what_acts_now_and_then_is_needed_where_the_whole_runs_need_it() {
+        let creep = || (find("wall_creep").unwrap(), vec![0.6, 1.3]);
+        assert_eq!(left_of_creep_and_lag(vec![creep()]), ["wall_creep"]);
+        let lag = (find("brake_valve_lag").unwrap(), vec![0.0, 0.02]);
+        assert_eq!(left_of_creep_and_lag(vec![creep(), lag]), ["brake_valve_lag", "wall_creep"]);
+    }
 
     #[test]
     fn a_needed_name_is_certain_and_matters() {
