@@ -56,6 +56,19 @@ fn grown(time_s: f64) -> f64 {
     1.0 - (-time_s / 30.0).exp()
 }
 
+/// Phase by angle (rad/rad) of the terms that repeat within the stroke: apart by about what a stroke of two radians can tell apart, above what the powers of
+/// the angle bend to.
+const WAVES: [f64; 7] = [6.0, 9.0, 12.0, 15.0, 18.0, 21.0, 24.0];
+
+/// Sum of a sine and a cosine of each wave; `k`: their sizes, in this order.
+fn waves<S: Scalar>(k: &[S], angle_rad: S) -> S {
+    let each = WAVES.into_iter().zip(k.chunks_exact(2)).map(|(wave, k)| {
+        let phase = angle_rad * wave;
+        k[0] * phase.sin() + k[1] * phase.cos()
+    });
+    each.fold(S::constant(0.0), |sum, term| sum + term)
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::Law;

@@ -1,11 +1,11 @@
 //! Terms without a name in what the sensors show.
 
-use super::{MEASURE, VALIDITY, each_alone, grown, term, typical};
+use super::{MEASURE, VALIDITY, each_alone, grown, term, typical, waves};
 use crate::effects::{Balance, Header, Law, Parameter};
 use crate::port::{Port, PortKind, Rest};
 use crate::scalar::Scalar;
 
-static SENSOR: [Parameter; 25] = [
+static SENSOR: [Parameter; 39] = [
     term("angle_zero", "deg", 0.05),
     term("angle_gain", "1", 0.002),
     term("pressure1_zero", "bar", 0.02),
@@ -31,8 +31,22 @@ static SENSOR: [Parameter; 25] = [
     term("pressure2_4", "bar", 0.02),
     term("pressure1_5", "bar", 0.02),
     term("pressure2_5", "bar", 0.02),
+    term("wave6_sine", "deg", 0.05),
+    term("wave6_cosine", "deg", 0.05),
+    term("wave9_sine", "deg", 0.05),
+    term("wave9_cosine", "deg", 0.05),
+    term("wave12_sine", "deg", 0.05),
+    term("wave12_cosine", "deg", 0.05),
+    term("wave15_sine", "deg", 0.05),
+    term("wave15_cosine", "deg", 0.05),
+    term("wave18_sine", "deg", 0.05),
+    term("wave18_cosine", "deg", 0.05),
+    term("wave21_sine", "deg", 0.05),
+    term("wave21_cosine", "deg", 0.05),
+    term("wave24_sine", "deg", 0.05),
+    term("wave24_cosine", "deg", 0.05),
 ];
-static SENSOR_STARTS: [[f64; 25]; 25] = typical(&SENSOR);
+static SENSOR_STARTS: [[f64; 39]; 39] = typical(&SENSOR);
 
 /// Where a pressure sensor's curve is expanded.
 const MIDDLE_BAR: f64 = 2.5;
@@ -45,8 +59,8 @@ impl Law for EmpiricalSensor {
         id: "empirical_sensor",
         balance: Balance::Sensor,
         ports: &[PortKind::Sensor],
-        summary: "zero, gain, bend, drift and lag of the sensors",
-        equation: "shown += sum of c_i * term_i; angle in units of 40 deg, pressure about 2.5 bar where it is bent, from its cube on in units of 2.5 bar",
+        summary: "zero, gain, bend, ripple, drift and lag of the sensors",
+        equation: "shown += sum of c_i * term_i; angle in units of 40 deg, pressure about 2.5 bar where it is bent, from its cube on in units of 2.5 bar; waves of 6, 9, 12, ... 24 rad of phase to a radian of the angle",
         validity: VALIDITY,
         measure: MEASURE,
         literature: "",
@@ -80,7 +94,9 @@ impl Law for EmpiricalSensor {
             s.angle_deg += k[0]
                 + k[1] * angle_deg
                 + (k[13] + (k[14] + (k[17] + k[18] * a) * a) * a) * a * a
-                + k[12] * (x[4] - angle_deg);
+                + k[12] * (x[4] - angle_deg)
+                // what repeats with the lines of a disc
+                + waves(&k[25..], angle_deg * (std::f64::consts::PI / 180.0));
         }
     }
 
@@ -94,6 +110,7 @@ impl Law for EmpiricalSensor {
 
 #[cfg(test)]
 mod tests {
+    use super::super::WAVES;
     use super::super::tests::alone;
     use super::*;
     use crate::port::{Arrival, SensorPort};
@@ -168,6 +185,23 @@ mod tests {
                     let mut pressure_bar = [2.5; 2];
                     pressure_bar[sensor] += 2.5 * share;
                     is(&term, 1 + sensor, 0.3 * share.powi(power), error(&term, 10.0, pressure_bar));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn an_angle_sensor_s_ripple_repeats_within_the_stroke() {
+        for wave in WAVES {
+            for (end, of) in [("sine", f64::sin as fn(f64) -> f64), ("cosine", f64::cos)] {
+                let k = alone::<EmpiricalSensor>(&format!("wave{wave}_{end}"), 0.3);
+                for angle_deg in [-20.0f64, 3.0, 31.0] {
+                    let mut port = SensorPort { time_s: 1.0, angle_deg, pressure_bar: [2.0, 3.0] };
+                    let still = [2.0, 3.0, 2.0, 3.0, angle_deg];
+                    EmpiricalSensor.act(&k, &still, &mut [0.0; 5], &mut Port::Sensor(&mut port));
+                    let expected = angle_deg + 0.3 * of(wave * angle_deg.to_radians());
+                    assert!((port.angle_deg - expected).abs() < 1e-12, "wave{wave}_{end}");
+                    assert_eq!(port.pressure_bar, [2.0, 3.0]);
                 }
             }
         }

@@ -1,11 +1,11 @@
 //! Terms without a name in the torque balance.
 
-use super::{MEASURE, VALIDITY, each_alone, grown, term, typical};
+use super::{MEASURE, VALIDITY, each_alone, grown, term, typical, waves};
 use crate::effects::{Balance, Header, Law, Parameter};
 use crate::port::{Port, PortKind, Rest};
 use crate::scalar::Scalar;
 
-static TORQUE: [Parameter; 25] = [
+static TORQUE: [Parameter; 33] = [
     term("constant", "Nm", 0.02),
     term("angle2", "Nm", 0.05),
     term("angle3", "Nm", 0.05),
@@ -24,18 +24,23 @@ static TORQUE: [Parameter; 25] = [
     term("direction_slow", "Nm", 0.05),
     term("sine", "Nm", 0.05),
     term("cosine", "Nm", 0.05),
+    term("upright_cosine", "Nm", 0.05),
     term("wave6_sine", "Nm", 0.05),
     term("wave6_cosine", "Nm", 0.05),
     term("wave9_sine", "Nm", 0.05),
     term("wave9_cosine", "Nm", 0.05),
     term("wave12_sine", "Nm", 0.05),
     term("wave12_cosine", "Nm", 0.05),
-    term("upright_cosine", "Nm", 0.05),
+    term("wave15_sine", "Nm", 0.05),
+    term("wave15_cosine", "Nm", 0.05),
+    term("wave18_sine", "Nm", 0.05),
+    term("wave18_cosine", "Nm", 0.05),
+    term("wave21_sine", "Nm", 0.05),
+    term("wave21_cosine", "Nm", 0.05),
+    term("wave24_sine", "Nm", 0.05),
+    term("wave24_cosine", "Nm", 0.05),
 ];
-static TORQUE_STARTS: [[f64; 25]; 25] = typical(&TORQUE);
-
-/// Phase by angle (rad/rad) of the terms that repeat: about what a stroke of two radians can tell apart, above what the powers of the angle bend to.
-const WAVES: [f64; 3] = [6.0, 9.0, 12.0];
+static TORQUE_STARTS: [[f64; 33]; 33] = typical(&TORQUE);
 
 /// Torque as a function of angle, velocity, pressures, time and of the angle's past.
 pub struct EmpiricalTorque;
@@ -46,7 +51,7 @@ impl Law for EmpiricalTorque {
         balance: Balance::Torque,
         ports: &[PortKind::Mechanical],
         summary: "a smooth torque over angle, velocity, pressure and time",
-        equation: "M += sum of c_i * term_i; angle in units of 0.7 rad, velocity direction tanh(w/0.03), creeping exp(-(w/0.05)^2), slow exp(-(w/0.3)^2), waves of 6, 9, 12 rad of phase to a radian, upright in the vertical plane alone",
+        equation: "M += sum of c_i * term_i; angle in units of 0.7 rad, velocity direction tanh(w/0.03), creeping exp(-(w/0.05)^2), slow exp(-(w/0.3)^2), waves of 6, 9, 12, ... 24 rad of phase to a radian, upright in the vertical plane alone",
         validity: VALIDITY,
         measure: MEASURE,
         literature: "",
@@ -73,15 +78,12 @@ impl Law for EmpiricalTorque {
                 + k[12] * direction * direction
                 + k[13] * (a - x[0]);
             // what repeats within the stroke, such as teeth and folds
-            for (n, waves) in WAVES.into_iter().enumerate() {
-                let phase = m.angle_rad * waves;
-                m.torque_nm += k[18 + 2 * n] * phase.sin() + k[19 + 2 * n] * phase.cos();
-            }
+            m.torque_nm += waves(&k[19..], m.angle_rad);
             // what pulls where gravity is not expected. It acts in both planes, so that what it and other terms make of the runs of one plane together
             // they make of the other as well; what the vertical plane has beside it is gravity's own sine, and a cosine
             m.torque_nm += k[16] * m.angle_rad.sin() + k[17] * m.angle_rad.cos();
             if m.vertical {
-                m.torque_nm += k[24] * m.angle_rad.cos();
+                m.torque_nm += k[18] * m.angle_rad.cos();
             }
         }
     }
@@ -99,6 +101,7 @@ fn below<S: Scalar>(velocity_rad_s: S, width_rad_s: f64) -> S {
 
 #[cfg(test)]
 mod tests {
+    use super::super::WAVES;
     use super::super::tests::alone;
     use super::*;
     use crate::port::MechanicalPort;
