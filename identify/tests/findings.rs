@@ -241,13 +241,18 @@ fn what_a_named_effect_leaves_is_said_where_it_is_more_than_noise() {
         samples: 1e4,
         significance,
     };
-    let said = |left: &[Part]| {
+    let line = |verdict: Verdict, of: &str, left: &[Part]| {
         let dir = tempfile::tempdir().unwrap();
-        let analysis = diagnosed(dir.path(), Verdict::Attributed, "pump_lag", &[0.012], left);
-        analysis.headline.iter().find(|line| line.starts_with("Not all is explained")).cloned()
+        let analysis = diagnosed(dir.path(), verdict, "pump_lag", &[0.012], left);
+        analysis.headline.iter().find(|line| line.contains(of)).cloned()
     };
+    let said = |left: &[Part]| line(Verdict::Attributed, "Not all is explained", left);
     let (small, noise) = (left(Channel::Angle, 0.04, 50.0), left(Channel::Pressure1, 9.0, 4.0));
     assert_eq!(said(&[small.clone(), noise.clone()]), None);
-    let line = said(&[small, noise, left(Channel::Pressure2, 2.25, 6.0)]).unwrap();
-    assert!(line.contains("pressure2_bar of a.csv") && line.contains("1.50 noise floors"), "{line}");
+    let all = [small, noise, left(Channel::Pressure2, 2.25, 6.0)];
+    let creeps = line(Verdict::None, "noise that creeps", &all).unwrap();
+    for line in [said(&all).unwrap(), creeps] {
+        assert!(line.contains("pressure2_bar of a.csv") && line.contains("1.50 noise floors"), "{line}");
+    }
+    assert_eq!(line(Verdict::None, "noise that creeps", &all[..2]), None);
 }

@@ -3,10 +3,11 @@
 use model::effects::Balance;
 use model::integrate::SimulationError;
 
+use super::nameless::Missing;
 use super::round::Round;
 use super::search::{Found, Name, Search, Step};
 use super::{
-    Added, CLEAR, CONSISTENT, DISAGREE, Diagnosis, EXPLAINED, GROSS, MATERIAL, MOST_EFFECTS, SUBSTANTIAL, Verdict,
+    Added, CONSISTENT, DISAGREE, Diagnosis, EXPLAINED, GROSS, LEVEL, MATERIAL, MOST_EFFECTS, SUBSTANTIAL, Verdict,
 };
 use crate::fit::Fit;
 use crate::misfit::{self, Part};
@@ -64,7 +65,7 @@ impl Search<'_> {
                 match enough(names.len(), apart, misfit::largest(&left), of_whole) {
                     Some(share) => {
                         let cost = found.steps[n].fit.cost;
-                        self.nameless(&mut found, first, true)?.filter(|step| {
+                        self.nameless(&mut found, first, Missing::Something)?.filter(|step| {
                             let less = misfit::total(&self.left(&found, step)) < share * misfit::total(&left);
                             less && (share <= 1.0 || step.fit.cost < cost)
                         })
@@ -73,8 +74,8 @@ impl Search<'_> {
                 }
             }
             None if largest >= MATERIAL => {
-                let certain = found.steps.len() > 1 || largest > CLEAR;
-                let nameless = self.nameless(&mut found, first, certain)?;
+                let missing = Missing::of(largest, found.steps.len() > 1, first.p_value(|_| true) <= LEVEL);
+                let nameless = self.nameless(&mut found, first, missing)?;
                 let total = |step: &Step| misfit::total(&self.left(&found, step));
                 match (last(Explains::Mostly), &nameless) {
                     // no other effect of any form comes near the name

@@ -11,23 +11,55 @@ use super::round::Round;
 use super::search::{Found, Search, Step};
 use super::under_guide::UnderGuide;
 use super::whole::on_the_whole;
-use super::{LEVEL, PREFERRED};
+use super::{CLEAR, LEVEL, PREFERRED};
 use crate::colour::Colour;
 use crate::fit::{Effort, Fit, fit};
 use crate::misfit;
 use crate::problem::Problem;
 use crate::refit::advantage;
 
+/// What the names that were looked for leave to terms without one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Missing {
+    /// Something is missing, whether a term explains it or not.
+    Something,
+    /// What is left is more than noise has that forgets itself, and the terms' score test must say that it goes with what the plant does: noise that
+    /// creeps does not.
+    Shown,
+    /// The terms' score test, their size, and the data that were left out must agree.
+    Perhaps,
+}
+
+/// A rest of a second shows at least a third of what noise has that creeps: what is more (noise floors) is no noise, whatever its colour.
+const BEYOND_NOISE: f64 = 3.0;
+
+impl Missing {
+    /// Of a residual with a structured part of this size, noise floors. `named`: a name explains a part of it; `scored`: the library's score test is
+    /// significant.
+    pub fn of(largest: f64, named: bool, scored: bool) -> Self {
+        if named || largest > BEYOND_NOISE || (scored && largest > CLEAR) {
+            Missing::Something
+        } else if largest > CLEAR {
+            Missing::Shown
+        } else {
+            Missing::Perhaps
+        }
+    }
+}
+
 impl Search<'_> {
-    /// The nameless term of the balance that explains most, where there is something to explain. `certain`: there is, whether a
-    /// term explains it or not. Otherwise the terms' score test, its size, and the data that were left out must agree. `first`: the round at the
-    /// reference model.
-    pub fn nameless(&self, found: &mut Found, first: &Round, certain: bool) -> Result<Option<Step>, SimulationError> {
-        if certain {
-            return self.look_for_nameless(found, first, true, None);
+    /// The nameless term of the balance that explains most, where there is something to explain. `first`: the round at the reference model.
+    pub fn nameless(
+        &self,
+        found: &mut Found,
+        first: &Round,
+        missing: Missing,
+    ) -> Result<Option<Step>, SimulationError> {
+        if missing != Missing::Perhaps {
+            return self.look_for_nameless(found, first, missing, None);
         }
         if found.convincing.is_none() {
-            found.convincing = Some(self.look_for_nameless(found, first, false, None)?);
+            found.convincing = Some(self.look_for_nameless(found, first, missing, None)?);
         }
         Ok(found.convincing.clone().flatten())
     }
@@ -36,14 +68,14 @@ impl Search<'_> {
         &self,
         found: &mut Found,
         first: &Round,
-        certain: bool,
+        missing: Missing,
         only: Option<Balance>,
     ) -> Result<Option<Step>, SimulationError> {
         let reference = found.steps[0].clone();
         let round = Round::new(&self.brief, first.scene.fit, EMPIRICAL.iter().copied())?;
         let p = round.p_value(|_| true);
-        tracing::info!(p, certain, "nameless terms");
-        if p > LEVEL && !certain {
+        tracing::info!(p, ?missing, "nameless terms");
+        if p > LEVEL && missing != Missing::Something {
             return Ok(None);
         }
         let under = if only.is_some() { None } else { self.nameless_under_guide(found, first)? };
@@ -56,7 +88,7 @@ impl Search<'_> {
         let (held, better) = advantage(&reference.held_out, &step.held_out, &self.clusters, self.count);
         tracing::info!(term = ?step.fit.layout.effects, share, held, better, "nameless term");
         let convincing = held > 0.0 && better > PREFERRED && share > 0.0;
-        Ok((certain || convincing).then_some(step))
+        Ok((missing != Missing::Perhaps || convincing).then_some(step))
     }
 
     /// Terms as they are handed on: pulled towards nothing as hard as lets them predict best. Where the model predicts worse with them than without even
@@ -116,7 +148,7 @@ impl Search<'_> {
             return Ok(terms);
         };
         tracing::info!(?balance, "the names that were refused say more of the balance than terms without a name");
-        Ok(self.look_for_nameless(found, first, true, Some(balance))?.unwrap_or(terms))
+        Ok(self.look_for_nameless(found, first, Missing::Something, Some(balance))?.unwrap_or(terms))
     }
 }
 
@@ -250,6 +282,16 @@ fn empirical(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_no_score_test_tells_from_noise_that_creeps_is_something_where_it_is_far_more_or_a_name_explains_a_part() {
+        assert_eq!(Missing::of(0.9, false, false), Missing::Shown);
+        assert_eq!(Missing::of(0.9, false, true), Missing::Something);
+        assert_eq!(Missing::of(0.9, true, false), Missing::Something);
+        assert_eq!(Missing::of(2.0, false, false), Missing::Shown);
+        assert_eq!(Missing::of(3.5, false, false), Missing::Something);
+        assert_eq!(Missing::of(0.6, false, true), Missing::Perhaps);
+    }
 
     #[test]
     fn refused_names_point_at_their_balance_where_terms_without_one_say_less() {
