@@ -3,7 +3,7 @@
 use model::effects::Balance;
 use model::integrate::SimulationError;
 
-use super::nameless::Missing;
+use super::nameless::is_certain;
 use super::round::Round;
 use super::search::{Found, Name, Search, Step};
 use super::{
@@ -65,7 +65,7 @@ impl Search<'_> {
                 match enough(names.len(), apart, misfit::largest(&left), of_whole) {
                     Some(share) => {
                         let cost = found.steps[n].fit.cost;
-                        self.nameless(&mut found, first, Missing::Something)?.filter(|step| {
+                        self.nameless(&mut found, first, true)?.filter(|step| {
                             let less = misfit::total(&self.left(&found, step)) < share * misfit::total(&left);
                             less && (share <= 1.0 || step.fit.cost < cost)
                         })
@@ -74,8 +74,8 @@ impl Search<'_> {
                 }
             }
             None if largest >= MATERIAL => {
-                let missing = Missing::of(largest, found.steps.len() > 1, first.p_value(|_| true) <= LEVEL);
-                let nameless = self.nameless(&mut found, first, missing)?;
+                let certain = is_certain(largest, found.steps.len() > 1, first.p_value(|_| true) <= LEVEL);
+                let nameless = self.nameless(&mut found, first, certain)?;
                 let total = |step: &Step| misfit::total(&self.left(&found, step));
                 match (last(Explains::Mostly), &nameless) {
                     // no other effect of any form comes near the name

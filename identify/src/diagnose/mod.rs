@@ -23,7 +23,6 @@ use crate::fit::Fit;
 use crate::identification::Identified;
 use crate::misfit::{self, MATERIAL, Part};
 use crate::problem::Problem;
-use nameless::Missing;
 use round::Round;
 use search::Search;
 
@@ -207,7 +206,7 @@ pub fn diagnose_declared(
         }
         let step = if number == 0 {
             // what all candidates together can't show, terms without a name may: then it is one of them, or none
-            if !search.calls_for(&found, &first) && search.nameless(&mut found, &first, Missing::Perhaps)?.is_none() {
+            if !search.calls_for(&found, &first) && search.nameless(&mut found, &first, false)?.is_none() {
                 break;
             }
             search.round(&mut found, &first)?

@@ -18,48 +18,24 @@ use crate::misfit;
 use crate::problem::Problem;
 use crate::refit::advantage;
 
-/// What the names that were looked for leave to terms without one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Missing {
-    /// Something is missing, whether a term explains it or not.
-    Something,
-    /// What is left is more than noise has that forgets itself, and the terms' score test must say that it goes with what the plant does: noise that
-    /// creeps does not.
-    Shown,
-    /// The terms' score test, their size, and the data that were left out must agree.
-    Perhaps,
+/// Something is missing, whether a term explains it or not: a structured residual of this size (noise floors) that is in part explained by a name, or that the
+/// library's score test tells from noise that creeps, or that is far more than such noise.
+pub(super) fn is_certain(largest: f64, named: bool, scored: bool) -> bool {
+    named || largest > BEYOND_NOISE || (scored && largest > CLEAR)
 }
 
 /// A rest of a second shows at least a third of what noise has that creeps: what is more (noise floors) is no noise, whatever its colour.
 const BEYOND_NOISE: f64 = 3.0;
 
-impl Missing {
-    /// Of a residual with a structured part of this size, noise floors. `named`: a name explains a part of it; `scored`: the library's score test is
-    /// significant.
-    pub fn of(largest: f64, named: bool, scored: bool) -> Self {
-        if named || largest > BEYOND_NOISE || (scored && largest > CLEAR) {
-            Missing::Something
-        } else if largest > CLEAR {
-            Missing::Shown
-        } else {
-            Missing::Perhaps
-        }
-    }
-}
-
 impl Search<'_> {
-    /// The nameless term of the balance that explains most, where there is something to explain. `first`: the round at the reference model.
-    pub fn nameless(
-        &self,
-        found: &mut Found,
-        first: &Round,
-        missing: Missing,
-    ) -> Result<Option<Step>, SimulationError> {
-        if missing != Missing::Perhaps {
-            return self.look_for_nameless(found, first, missing, None);
+    /// The nameless term of the balance that explains most, where there is something to explain. `certain`: there is ([`is_certain`]). Otherwise the terms'
+    /// score test, their size, and the data that were left out must agree. `first`: the round at the reference model.
+    pub fn nameless(&self, found: &mut Found, first: &Round, certain: bool) -> Result<Option<Step>, SimulationError> {
+        if certain {
+            return self.look_for_nameless(found, first, true, None);
         }
         if found.convincing.is_none() {
-            found.convincing = Some(self.look_for_nameless(found, first, missing, None)?);
+            found.convincing = Some(self.look_for_nameless(found, first, false, None)?);
         }
         Ok(found.convincing.clone().flatten())
     }
@@ -68,14 +44,14 @@ impl Search<'_> {
         &self,
         found: &mut Found,
         first: &Round,
-        missing: Missing,
+        certain: bool,
         only: Option<Balance>,
     ) -> Result<Option<Step>, SimulationError> {
         let reference = found.steps[0].clone();
         let round = Round::new(&self.brief, first.scene.fit, EMPIRICAL.iter().copied())?;
         let p = round.p_value(|_| true);
-        tracing::info!(p, ?missing, "nameless terms");
-        if p > LEVEL && missing != Missing::Something {
+        tracing::info!(p, certain, "nameless terms");
+        if p > LEVEL && !certain {
             return Ok(None);
         }
         let under = if only.is_some() { None } else { self.nameless_under_guide(found, first)? };
@@ -88,7 +64,7 @@ impl Search<'_> {
         let (held, better) = advantage(&reference.held_out, &step.held_out, &self.clusters, self.count);
         tracing::info!(term = ?step.fit.layout.effects, share, held, better, "nameless term");
         let convincing = held > 0.0 && better > PREFERRED && share > 0.0;
-        Ok((missing != Missing::Perhaps || convincing).then_some(step))
+        Ok((certain || convincing).then_some(step))
     }
 
     /// Terms as they are handed on: pulled towards nothing as hard as lets them predict best. Where the model predicts worse with them than without even
@@ -148,7 +124,7 @@ impl Search<'_> {
             return Ok(terms);
         };
         tracing::info!(?balance, "the names that were refused say more of the balance than terms without a name");
-        Ok(self.look_for_nameless(found, first, Missing::Something, Some(balance))?.unwrap_or(terms))
+        Ok(self.look_for_nameless(found, first, true, Some(balance))?.unwrap_or(terms))
     }
 }
 
@@ -284,13 +260,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_no_score_test_tells_from_noise_that_creeps_is_something_where_it_is_far_more_or_a_name_explains_a_part() {
-        assert_eq!(Missing::of(0.9, false, false), Missing::Shown);
-        assert_eq!(Missing::of(0.9, false, true), Missing::Something);
-        assert_eq!(Missing::of(0.9, true, false), Missing::Something);
-        assert_eq!(Missing::of(2.0, false, false), Missing::Shown);
-        assert_eq!(Missing::of(3.5, false, false), Missing::Something);
-        assert_eq!(Missing::of(0.6, false, true), Missing::Perhaps);
+    fn what_no_score_test_tells_from_noise_that_creeps_is_certain_where_it_is_far_more_or_a_name_explains_a_part() {
+        assert!(!is_certain(0.9, false, false) && !is_certain(2.0, false, false));
+        assert!(is_certain(0.9, false, true) && is_certain(0.9, true, false) && is_certain(3.5, false, false));
+        assert!(!is_certain(0.6, false, true));
     }
 
     #[test]
