@@ -3,7 +3,7 @@
 use model::effects::Balance;
 use model::integrate::SimulationError;
 
-use super::nameless::is_certain;
+use super::nameless::{BEYOND_NOISE, is_certain};
 use super::round::Round;
 use super::search::{Found, Name, Search, Step};
 use super::{
@@ -39,8 +39,9 @@ impl Search<'_> {
     fn explains(&self, found: &Found, number: usize) -> Explains {
         let step = &found.steps[number];
         let leaves = self.leaves(found, &found.steps[number - 1], step);
-        tracing::info!(names = ?step.ids(), ?leaves, step.disagreement, "what the names leave");
-        leaves.explained()
+        let silent = found.silent == step.ids();
+        tracing::info!(names = ?step.ids(), ?leaves, silent, step.disagreement, "what the names leave");
+        if leaves.is_noise_that_creeps(silent) { Explains::Yes } else { leaves.explained() }
     }
 
     /// A step's second name is beside the point ([`Leaves::beside_the_point`]).
@@ -199,6 +200,11 @@ impl Leaves {
         }
     }
 
+    /// What is left, up to what noise that creeps may leave, goes with nothing that the library knows (`silent`), as what was there before did.
+    fn is_noise_that_creeps(&self, silent: bool) -> bool {
+        silent && self.agreed && self.largest < BEYOND_NOISE
+    }
+
     /// A second name that does no substantial part, and leaves a gross misfit: whatever stands in the place of the first, the two are not what is
     /// missing.
     fn beside_the_point(&self) -> bool {
@@ -300,6 +306,11 @@ mod tests {
         let forms = Leaves { share: 0.95, ..some };
         assert_eq!(forms.explained(), Explains::Yes, "nearly all that was left");
         assert_eq!(Leaves { agreed: false, ..forms }.explained(), Explains::No);
+        let creeps = Leaves { share: 0.5, largest: 1.3, ..form };
+        assert!(creeps.is_noise_that_creeps(true) && creeps.explained() == Explains::No);
+        assert!(!creeps.is_noise_that_creeps(false), "a candidate goes with it");
+        assert!(!Leaves { largest: 3.5, ..creeps }.is_noise_that_creeps(true), "far more than such noise");
+        assert!(!Leaves { agreed: false, ..creeps }.is_noise_that_creeps(true));
         let idle = Leaves { largest: 3.0, share: 0.3, ..second };
         assert!(idle.beside_the_point() && idle.explained() == Explains::No);
         assert!(

@@ -206,7 +206,7 @@ pub fn diagnose_declared(
         }
         let step = if number == 0 {
             // what all candidates together can't show, terms without a name may: then it is one of them, or none
-            if !search.calls_for(&found, &first) && search.nameless(&mut found, &first, false)?.is_none() {
+            if !search.calls_for(&mut found, &first, &first) && search.nameless(&mut found, &first, false)?.is_none() {
                 break;
             }
             search.round(&mut found, &first)?
@@ -217,7 +217,7 @@ pub fn diagnose_declared(
             if search.is_lost(&found) && !search.leads_out(&round)? {
                 break;
             }
-            if !search.calls_for(&found, &round) || search.is_settled(&found, &round)? {
+            if !search.calls_for(&mut found, &round, &first) || search.is_settled(&found, &round)? {
                 break;
             }
             search.round(&mut found, &round)?

@@ -112,6 +112,8 @@ pub(super) struct Found {
     pub colours: Vec<Colour>,
     /// Terms without a name that convince by themselves, once they were looked for.
     pub convincing: Option<Option<Step>>,
+    /// Names beside which the library's score test, which said something before, says nothing any more.
+    pub silent: BTreeSet<&'static str>,
 }
 
 impl Found {
@@ -163,7 +165,7 @@ impl<'a> Search<'a> {
         let colours = colours(self.problem, &residual);
         let held_out = HoldOut::of(self.problem, &fit, &self.clusters)?.residuals();
         let step = Step { fit, names: Vec::new(), residual, held_out, disagreement: 0.0 };
-        Ok(Found { steps: vec![step], ranking: Vec::new(), colours, convincing: None })
+        Ok(Found { steps: vec![step], ranking: Vec::new(), colours, convincing: None, silent: BTreeSet::new() })
     }
 
     /// A fitted model as a step, with what it is worth on data that were left out.
@@ -198,11 +200,14 @@ impl<'a> Search<'a> {
         Bases { scene: &round.scene, component, short, guided, beside: f64::INFINITY, gross }
     }
 
-    /// A candidate is significant, or the last step's misfit is certain without.
-    pub fn calls_for(&self, found: &Found, round: &Round) -> bool {
+    /// A candidate is significant, or the last step's misfit is certain without. `first`: the round at the reference model.
+    pub fn calls_for(&self, found: &mut Found, round: &Round, first: &Round) -> bool {
         let largest = misfit::largest(&found.parts(self.problem, found.last()));
         let p = round.p_value(|_| true);
         tracing::info!(p, largest, "score of the whole library");
+        if p > LEVEL && first.p_value(|_| true) <= LEVEL {
+            found.silent = found.last().ids();
+        }
         p <= LEVEL || largest >= CLEAR
     }
 
