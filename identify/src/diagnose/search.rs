@@ -324,10 +324,17 @@ impl<'a> Search<'a> {
         let left = |step: &Step| misfit::total(&self.left(found, step));
         let certain = misfit::largest(&found.parts(self.problem, last)) > CLEAR;
         let complete = left(step) < (1.0 - EXPLAINED) * left(last);
-        let needed = if certain && complete { HELD } else { PREFERRED };
-        let preferred = better.max(held_better) >= needed && held > 0.0 && held_better >= HELD;
+        let preferred = held > 0.0 && is_preferred(better, held_better, certain, complete);
         Ok(preferred && removed >= MATERIAL && sound)
     }
+}
+
+/// A model is preferred to one with a name less: by so many standard errors where it was fitted (`better`) and where it was not. `certain`: something is
+/// missing; `complete`: the name takes nearly all of it away. Where that is open both must say so: data left out may be predicted better because the fit
+/// without the name has gone a little astray.
+fn is_preferred(better: f64, held_better: f64, certain: bool, complete: bool) -> bool {
+    let needed = if certain && complete { HELD } else { PREFERRED };
+    better.max(held_better) >= needed && held_better >= HELD && (certain || better >= HELD)
 }
 
 /// A round is back where it began, and would only be repeated: at the same names, and no better minimum of their fit.
@@ -351,6 +358,15 @@ mod tests {
         assert!(!is_back((&one, 100.0), (&one, 90.0)), "the same name in a better minimum");
         assert!(!is_back((&one, 100.0), (&other, 100.0)), "another in its place");
         assert!(!is_back((&BTreeSet::new(), 100.0), (&one, 100.0)), "one more");
+    }
+
+    #[test]
+    fn a_name_is_preferred_where_it_was_fitted_and_where_it_was_not() {
+        assert!(is_preferred(3.1, 2.1, false, false) && is_preferred(2.1, 3.1, false, false));
+        assert!(!is_preferred(1.7, 3.2, false, false), "the fit without it has gone astray");
+        assert!(is_preferred(1.7, 3.2, true, false), "something is missing, in a few clusters");
+        assert!(!is_preferred(9.0, 1.9, true, true), "data left out don't say so");
+        assert!(!is_preferred(2.5, 2.5, true, false) && is_preferred(1.0, 2.1, true, true));
     }
 
     #[test]
