@@ -6,9 +6,7 @@ use model::integrate::SimulationError;
 use super::nameless::{BEYOND_NOISE, is_certain};
 use super::round::Round;
 use super::search::{Found, Name, Search, Step};
-use super::{
-    Added, CONSISTENT, DISAGREE, Diagnosis, EXPLAINED, GROSS, LEVEL, MATERIAL, MOST_EFFECTS, SUBSTANTIAL, Verdict,
-};
+use super::{Added, CONSISTENT, DISAGREE, Diagnosis, EXPLAINED, GROSS, MATERIAL, MOST_EFFECTS, SUBSTANTIAL, Verdict};
 use crate::fit::Fit;
 use crate::misfit::{self, Part};
 use crate::simplify::simplify;
@@ -39,7 +37,8 @@ impl Search<'_> {
     fn explains(&self, found: &Found, number: usize) -> Explains {
         let step = &found.steps[number];
         let leaves = self.leaves(found, &found.steps[number - 1], step);
-        let silent = found.silent == step.ids();
+        // where it said nothing at first either the campaign is too short for it
+        let silent = step.silent && !found.steps[0].silent;
         tracing::info!(names = ?step.ids(), ?leaves, silent, step.disagreement, "what the names leave");
         if leaves.is_noise_that_creeps(silent) { Explains::Yes } else { leaves.explained() }
     }
@@ -75,7 +74,7 @@ impl Search<'_> {
                 }
             }
             None if largest >= MATERIAL => {
-                let certain = is_certain(largest, found.steps.len() > 1, first.p_value(|_| true) <= LEVEL);
+                let certain = is_certain(largest, found.steps.len() > 1, !before.silent);
                 let nameless = self.nameless(&mut found, first, certain)?;
                 let total = |step: &Step| misfit::total(&self.left(&found, step));
                 match (last(Explains::Mostly), &nameless) {
@@ -130,6 +129,7 @@ impl Search<'_> {
             ranking: std::mem::take(&mut found.ranking),
             balances,
             explained: if verdict == Verdict::None { 1.0 } else { explained_share(&parts_before, &parts_after) },
+            silent: step.silent,
             after: step.fit,
             parts_before,
             parts_after,

@@ -95,6 +95,8 @@ pub struct Diagnosis {
     pub explained: f64,
     /// Run that would tell the leading candidates apart.
     pub next_experiment: Option<String>,
+    /// The library's score test was asked of what the model leaves, and is not significant: as noise that creeps has it.
+    pub silent: bool,
 }
 
 impl Diagnosis {
@@ -206,7 +208,7 @@ pub fn diagnose_declared(
         }
         let step = if number == 0 {
             // what all candidates together can't show, terms without a name may: then it is one of them, or none
-            if !search.calls_for(&mut found, &first, &first) && search.nameless(&mut found, &first, false)?.is_none() {
+            if !search.calls_for(&mut found, &first) && search.nameless(&mut found, &first, false)?.is_none() {
                 break;
             }
             search.round(&mut found, &first)?
@@ -217,7 +219,7 @@ pub fn diagnose_declared(
             if search.is_lost(&found) && !search.leads_out(&round)? {
                 break;
             }
-            if !search.calls_for(&mut found, &round, &first) || search.is_settled(&found, &round)? {
+            if !search.calls_for(&mut found, &round) || search.is_settled(&found, &round)? {
                 break;
             }
             search.round(&mut found, &round)?

@@ -88,6 +88,8 @@ pub(super) struct Step {
     pub held_out: Vec<Vec<f64>>,
     /// Part of what the effects do that sits in runs which ask for other sizes: the largest of all.
     pub disagreement: f64,
+    /// The library's score test was asked, and is not significant.
+    pub silent: bool,
 }
 
 impl Step {
@@ -112,8 +114,6 @@ pub(super) struct Found {
     pub colours: Vec<Colour>,
     /// Terms without a name that convince by themselves, once they were looked for.
     pub convincing: Option<Option<Step>>,
-    /// Names beside which the library's score test, which said something before, says nothing any more.
-    pub silent: BTreeSet<&'static str>,
 }
 
 impl Found {
@@ -164,8 +164,8 @@ impl<'a> Search<'a> {
         let residual = self.problem.residuals(&fit.layout, &fit.point)?;
         let colours = colours(self.problem, &residual);
         let held_out = HoldOut::of(self.problem, &fit, &self.clusters)?.residuals();
-        let step = Step { fit, names: Vec::new(), residual, held_out, disagreement: 0.0 };
-        Ok(Found { steps: vec![step], ranking: Vec::new(), colours, convincing: None, silent: BTreeSet::new() })
+        let step = Step { fit, names: Vec::new(), residual, held_out, disagreement: 0.0, silent: false };
+        Ok(Found { steps: vec![step], ranking: Vec::new(), colours, convincing: None })
     }
 
     /// A fitted model as a step, with what it is worth on data that were left out.
@@ -180,7 +180,7 @@ impl<'a> Search<'a> {
                 hold_out.disagreement(&sizes, &self.clusters)
             })
             .fold(0.0, f64::max);
-        Ok(Step { held_out: hold_out.residuals(), fit, names, residual, disagreement })
+        Ok(Step { held_out: hold_out.residuals(), fit, names, residual, disagreement, silent: false })
     }
 
     /// Effects that a model does not carry.
@@ -200,13 +200,13 @@ impl<'a> Search<'a> {
         Bases { scene: &round.scene, component, short, guided, beside: f64::INFINITY, gross }
     }
 
-    /// A candidate is significant, or the last step's misfit is certain without. `first`: the round at the reference model.
-    pub fn calls_for(&self, found: &mut Found, round: &Round, first: &Round) -> bool {
+    /// A candidate is significant, or the last step's misfit is certain without.
+    pub fn calls_for(&self, found: &mut Found, round: &Round) -> bool {
         let largest = misfit::largest(&found.parts(self.problem, found.last()));
         let p = round.p_value(|_| true);
         tracing::info!(p, largest, "score of the whole library");
-        if p > LEVEL && first.p_value(|_| true) <= LEVEL {
-            found.silent = found.last().ids();
+        if let Some(last) = found.steps.last_mut() {
+            last.silent = p > LEVEL;
         }
         p <= LEVEL || largest >= CLEAR
     }

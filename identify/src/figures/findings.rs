@@ -98,25 +98,25 @@ fn worst(subject: &Subject, after: bool) -> Option<(f64, String, &'static str)> 
     ratios.filter(|(r, ..)| r.is_finite()).max_by(|a, b| a.0.total_cmp(&b.0))
 }
 
-/// What the named effects leave where it is more than a matter of their form, and what nothing follows where no effect is found: the largest part of it.
+/// What is left where it is more than a matter of a form, the largest part of it: of what named effects leave, and where none is found.
 fn left_over(subject: &Subject) -> Option<String> {
-    let diagnosis = subject.diagnosis?;
+    let diagnosis = subject.diagnosis.filter(|d| matches!(d.verdict, Verdict::None | Verdict::Attributed))?;
     let part = misfit::leading(&diagnosis.parts_after)?;
     if misfit::largest(std::slice::from_ref(part)) < CONSISTENT {
         return None;
     }
     let (column, run) = (part.channel.column(), &subject.loaded.runs[part.run].entry.file);
     let floors = number(part.structured.sqrt(), 3);
-    match diagnosis.verdict {
-        Verdict::Attributed => Some(format!(
+    Some(if diagnosis.silent {
+        format!(
+            "{column} of {run}, which was fitted, shows {floors} noise floors that the first second of the runs does not, and nothing \
+             that the library knows goes with them: noise that creeps, most likely."
+        )
+    } else {
+        format!(
             "Not all is explained: {column} of {run} still shows {floors} noise floors that are no noise, in the run that was fitted."
-        )),
-        Verdict::None => Some(format!(
-            "{column} of {run} shows {floors} noise floors that the first second of the runs does not, and nothing that the plant does \
-             goes with them: noise that creeps, most likely."
-        )),
-        Verdict::Ambiguous | Verdict::Unrecognised => None,
-    }
+        )
+    })
 }
 
 /// Free-run error from which a validation run contradicts a model that explains the runs it was fitted to, noise floors: what is
