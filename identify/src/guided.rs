@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
 
-use model::effects::Effect;
+use model::effects::{Effect, empirical};
 
 use crate::fit::{Effort, Fit, fit};
 use crate::guide::Guide;
@@ -238,8 +238,13 @@ impl Guided {
     ) -> Vec<(f64, Point)> {
         let Some(tight) = self.problems.first() else { return Vec::new() };
         let header = effect.header();
-        let each = header.starts.iter().flat_map(|s| SIZES.map(|size| header.scaled(s, size)));
-        let costly = each.filter_map(place).map(|point| (tight.cost(layout, &point), point));
+        let each: Vec<Vec<f64>> = if empirical::is_nameless(effect) {
+            // a sum of terms has one minimum, whatever it starts from
+            header.starts.iter().take(1).map(|s| header.scaled(s, 0.0)).collect()
+        } else {
+            header.starts.iter().flat_map(|s| SIZES.map(|size| header.scaled(s, size))).collect()
+        };
+        let costly = each.into_iter().filter_map(place).map(|point| (tight.cost(layout, &point), point));
         let mut out: Vec<(f64, Point)> = costly.filter(|(cost, _)| cost.is_finite()).collect();
         out.sort_by(|a, b| a.0.total_cmp(&b.0));
         out

@@ -4,7 +4,7 @@
 //! base parameters and the initial values could do as well is projected out. The residual is coloured, so significance is
 //! never taken from single samples but from sums over clusters of several seconds.
 
-use model::effects::Effect;
+use model::effects::{Effect, empirical};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
@@ -145,7 +145,27 @@ impl<'a> Scene<'a> {
 
     /// The directions of a candidate; those that can't be simulated or do nothing are left out.
     pub fn directions(&self, effect: &'static dyn Effect) -> Vec<Direction> {
+        if empirical::is_nameless(effect) {
+            return self.term_directions(effect);
+        }
         effect.header().starts.par_iter().filter_map(|start| self.direction(effect, start)).collect()
+    }
+
+    /// The directions of a sum of terms, each at its usual size: a sum is linear, so all of them follow from its slopes at nothing.
+    fn term_directions(&self, effect: &'static dyn Effect) -> Vec<Direction> {
+        let layout = self.fit.layout.with(effect);
+        let first = self.fit.layout.len();
+        let mut point = self.fit.point.clone();
+        point.theta.resize(layout.len(), 0.0);
+        let Ok(pieces) = self.problem.linearise(&layout, &point) else { return Vec::new() };
+        let of_term = |(term, start): (usize, &&[f64])| {
+            let change = |(piece, initial): (&Piece, &Initial)| {
+                let rows = piece.slope.chunks(layout.len() + initial.len());
+                rows.map(|row| row[first + term] * start[term]).collect()
+            };
+            self.along(effect, start, pieces.iter().zip(&point.initial).map(change).collect())
+        };
+        effect.header().starts.par_iter().enumerate().filter_map(of_term).collect()
     }
 
     /// The first direction of a candidate, its usual one.

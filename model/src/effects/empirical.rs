@@ -17,6 +17,11 @@ use torque::EmpiricalTorque;
 /// One set of terms per balance, in the order of [`Balance::ALL`].
 pub static EMPIRICAL: [&dyn Effect; 4] = [&EmpiricalTorque, &EmpiricalFlow, &EmpiricalPump, &EmpiricalSensor];
 
+/// The effect is one of these sets: a sum of terms, each of which is one parameter's and has its start at the parameter's place.
+pub fn is_nameless(effect: &dyn Effect) -> bool {
+    EMPIRICAL.iter().any(|set| set.header().id == effect.header().id)
+}
+
 const fn term(name: &'static str, unit: &'static str, typical: f64) -> Parameter {
     Parameter { name, unit, lower: -1e3, upper: 1e3, typical, size: true }
 }
@@ -59,14 +64,21 @@ fn grown(time_s: f64) -> f64 {
 /// Phase by angle (rad/rad) of the terms that repeat within the stroke: apart by about what a stroke of two radians can tell apart, above what the powers of
 /// the angle bend to.
 const WAVES: [f64; 7] = [6.0, 9.0, 12.0, 15.0, 18.0, 21.0, 24.0];
+/// Between two of them, and half of the first, rad/rad.
+const BETWEEN_WAVES: f64 = 3.0;
 
 /// Sum of a sine and a cosine of each wave; `k`: their sizes, in this order.
 fn waves<S: Scalar>(k: &[S], angle_rad: S) -> S {
-    let each = WAVES.into_iter().zip(k.chunks_exact(2)).map(|(wave, k)| {
-        let phase = angle_rad * wave;
-        k[0] * phase.sin() + k[1] * phase.cos()
-    });
-    each.fold(S::constant(0.0), |sum, term| sum + term)
+    let (step_sine, step_cosine) = (BETWEEN_WAVES * angle_rad.value()).sin_cos();
+    let (mut sine, mut cosine) = (step_sine, step_cosine);
+    let (mut sum, mut slope) = (S::constant(0.0), 0.0);
+    for (wave, k) in WAVES.into_iter().zip(k.chunks_exact(2)) {
+        // each phase is the one before and a step: their sines follow from the step's, which costs far less than to ask for each
+        (sine, cosine) = (sine * step_cosine + cosine * step_sine, cosine * step_cosine - sine * step_sine);
+        sum += k[0] * sine + k[1] * cosine;
+        slope += wave * (k[0].value() * cosine - k[1].value() * sine);
+    }
+    sum + angle_rad.chain(0.0, slope)
 }
 
 #[cfg(test)]
