@@ -336,3 +336,34 @@ impl Gram {
         self.matrix[(i, j)] / (self.matrix[(i, i)] * self.matrix[(j, j)]).sqrt()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::common::{dynamic, layout, problem};
+
+    #[test]
+    fn what_terms_do_by_their_slopes_they_do_at_their_usual_sizes() {
+        let truth = model::Parameters::example();
+        let problem = problem(&[dynamic(&truth, None, 6.0, 5)]);
+        let layout = layout(&truth);
+        let point = problem.point(layout.vector_of(&truth));
+        let fit = Fit { layout, point, cost: 0.0, converged: true };
+        let scene = Scene::new(&problem, &fit).expect("it can be simulated");
+        for set in empirical::EMPIRICAL {
+            let by_slopes = scene.directions(set);
+            let mut alike = 0;
+            for linear in &by_slopes {
+                let secant = scene.direction(set, &linear.start).expect("what has a slope does something");
+                let off: Vec<Vec<f64>> = (linear.raw.iter().zip(&secant.raw))
+                    .map(|(a, b)| a.iter().zip(b).map(|(a, b)| a - b).collect())
+                    .collect();
+                let share = (dot(&off, &off) / dot(&secant.raw, &secant.raw)).sqrt();
+                // a lever that comes to rest a moment earlier is no matter of slopes
+                assert!(share < 0.5, "{}, {:?}: {share}", set.header().id, linear.start);
+                alike += usize::from(share < 0.05);
+            }
+            assert!(2 * alike > set.header().parameters.len(), "{}: {alike} alike", set.header().id);
+        }
+    }
+}
