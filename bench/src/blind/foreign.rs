@@ -185,7 +185,8 @@ impl Law for PressureCurve {
         Balance::Sensor,
         &[PortKind::Sensor],
         "p1 shown = p1 + k1*sin(2*p1), p2 likewise",
-        &[size("k1", "bar", -0.5, 0.5, 0.03), size("k2", "bar", -0.5, 0.5, 0.03)],
+        // with half a bar a sensor would show less at more pressure
+        &[size("k1", "bar", -0.4, 0.4, 0.03), size("k2", "bar", -0.4, 0.4, 0.03)],
         &[&[0.03, 0.0], &[0.0, -0.03], &[0.02, 0.02]],
     );
 

@@ -5,7 +5,7 @@ mod imposed;
 mod past;
 
 use blocks::{Means, stops};
-use imposed::{CLOSE, STEPS, impose_sensitivity};
+use imposed::{CLOSE, STEPS, Secant, impose_sensitivity};
 use model::effects::EffectSet;
 use model::integrate::{Integrator, Seeds, Sensitivity, SimulationError, Trail};
 use model::port::PortKind;
@@ -64,12 +64,13 @@ impl<'a> Run<'a> {
         rec::rest_states_after(&stretch.way_rad, &input, k, effects, &mut x);
         let mut shift_rad = 0.0;
         if effects.touches(PortKind::Sensor) {
+            let mut ways = [Secant::default(); 3];
             for _ in 0..STEPS {
                 let seen = rec::shown(effects, stretch.time_s[0], &x, &mut scratch);
                 let off = [seen[0] / DEGREES - shown[0], seen[1] - shown[1], seen[2] - shown[2]];
-                x[state::ANGLE] -= off[0];
-                x[state::PRESSURE1] -= off[1];
-                x[state::PRESSURE2] -= off[2];
+                for (n, i) in [state::ANGLE, state::PRESSURE1, state::PRESSURE2].into_iter().enumerate() {
+                    x[i] = ways[n].next(x[i], off[n]);
+                }
                 rec::rest_states_after(&stretch.way_rad, &input, k, effects, &mut x);
                 if off.iter().all(|v| v.abs() < CLOSE) {
                     break;
