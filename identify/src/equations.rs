@@ -56,6 +56,7 @@ pub trait Equations: Sync + 'static {
             torque_nm: S::zero(),
             voltage_v: 0.0,
             brake_open: true,
+            bypass_open: false,
         }
     }
 }

@@ -32,6 +32,8 @@ pub struct ActuatorPort<S> {
     pub voltage_v: S,
     /// Opening of the brake valve, 0 closed to 1 open; an effect may replace it.
     pub brake_opening: S,
+    /// Opening of the bypass valve, likewise.
+    pub bypass_opening: S,
 }
 
 /// Signals between pump and chambers.
@@ -48,6 +50,8 @@ pub struct LinePort<S> {
     pub slip_ml_s_bar: S,
     /// Conductance of the bypass, ml/(s bar); 0 where it is closed. Its flow, this times -dp, is part of the flow.
     pub bypass_ml_s_bar: S,
+    /// Opening of the bypass valve, 0 closed to 1 open.
+    pub bypass_opening: S,
     /// Part of the flow that the voltage drives, ml/s: what eq. (10) has beyond f3*dp, 0 in the dead zone.
     pub drive_ml_s: S,
     /// Opening of the brake valve, 0 closed to 1 open.
@@ -106,7 +110,8 @@ impl<S: Scalar> LinePort<S> {
     /// An open line through which nothing flows yet, with the voltage (V) and the pressure difference (bar) across the pump.
     pub fn open(time_s: f64, voltage_v: S, dp_bar: S) -> Self {
         let zero = S::zero();
-        let (flow_ml_s, slip_ml_s_bar, bypass_ml_s_bar, drive_ml_s) = (zero, zero, zero, zero);
+        let (flow_ml_s, slip_ml_s_bar, drive_ml_s) = (zero, zero, zero);
+        let (bypass_ml_s_bar, bypass_opening) = (zero, zero);
         LinePort {
             time_s,
             voltage_v,
@@ -114,6 +119,7 @@ impl<S: Scalar> LinePort<S> {
             flow_ml_s,
             slip_ml_s_bar,
             bypass_ml_s_bar,
+            bypass_opening,
             drive_ml_s,
             opening: S::constant(1.0),
             open: true,
@@ -211,6 +217,8 @@ pub struct Rest<'a, S> {
     pub voltage_v: f64,
     /// Brake valve open.
     pub brake_open: bool,
+    /// Bypass valve open.
+    pub bypass_open: bool,
 }
 
 impl<S: Scalar> Rest<'_, S> {

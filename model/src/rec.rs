@@ -165,6 +165,9 @@ pub fn stored_slope<S: Scalar>(k: &[S], angle_rad: S, pressure_bar: [S; 2]) -> [
     [-(rate * scale / bend) * stored(pressure_bar[0]), rate * scale * bend * stored(pressure_bar[1])]
 }
 
+/// A bypass that is less open than this is shut: one that lags comes near to it for ever.
+const SHUT: f64 = 1e-6;
+
 pub(crate) const DEGREES: f64 = 180.0 / std::f64::consts::PI;
 
 /// The plant's derivative at time `t` (s since the run's start).
@@ -194,6 +197,7 @@ fn actuated<S: Scalar, const EFFECTS: bool>(
         time_s: t,
         voltage_v: S::constant(input.voltage_v),
         brake_opening: S::constant(f64::from(u8::from(input.brake_open))),
+        bypass_opening: S::constant(f64::from(u8::from(input.bypass_open))),
     };
     if EFFECTS && effects.touches(PortKind::Actuator) {
         effects.act(x, dx, Port::Actuator(&mut actuator));
@@ -264,9 +268,11 @@ pub(crate) fn derivative_by<S: Scalar, const EFFECTS: bool>(
         let (delivered, delivers) = pump_flow(k, actuator.voltage_v, dp);
         branches |= pump_branches(delivers, actuator.voltage_v.value());
         let mut flow = delivered * actuator.brake_opening;
-        let bypass = input.bypass_open && input.circuit == Circuit::Pump;
-        if bypass {
-            flow -= k[K_B] * dp;
+        let bypassed = input.circuit == Circuit::Pump && (input.bypass_open || touches(PortKind::Actuator));
+        let bypass_opening = if bypassed { actuator.bypass_opening } else { S::zero() };
+        let bypass_ml_s_bar = k[K_B] * bypass_opening;
+        if bypassed {
+            flow -= bypass_ml_s_bar * dp;
         }
         if touches(PortKind::Line) {
             // slope of the pump's flow over the pressure difference
@@ -277,10 +283,11 @@ pub(crate) fn derivative_by<S: Scalar, const EFFECTS: bool>(
                 dp_bar: dp,
                 flow_ml_s: flow,
                 slip_ml_s_bar: slip.abs().at_least(0.02),
-                bypass_ml_s_bar: if bypass { k[K_B] } else { S::zero() },
+                bypass_ml_s_bar,
+                bypass_opening,
                 drive_ml_s: (delivered - k[F3] * dp) * actuator.brake_opening,
                 opening: actuator.brake_opening,
-                open: actuator.brake_opening.value() > 0.0 || bypass,
+                open: actuator.brake_opening.value() > 0.0 || bypass_opening.value() > SHUT,
             };
             effects.act(x, dx, Port::Line(&mut line));
             flow = line.flow_ml_s;
@@ -416,6 +423,7 @@ pub fn rest_states_after<S: Scalar>(way_rad: &[f64], input: &Input, k: &[S], eff
         torque_nm,
         voltage_v: input.voltage_v,
         brake_open: input.brake_open,
+        bypass_open: input.bypass_open,
     };
     effects.rest(&rest, &mut x[STATES..]);
 }

@@ -148,6 +148,7 @@ impl KnownEffects {
             flow_ml_s,
             slip_ml_s_bar: slip.abs().max(0.02),
             bypass_ml_s_bar: 0.0,
+            bypass_opening: 0.0,
             drive_ml_s: flow_ml_s - k[F3] * dp_bar,
             opening: 1.0,
             open: true,

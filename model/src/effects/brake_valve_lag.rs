@@ -1,6 +1,6 @@
 //! A brake valve that takes its time.
 
-use super::lag::first_order;
+use super::lag::{overlapped, valve};
 use super::{Balance, Header, Law, Parameter, Refined};
 use crate::port::{Port, PortKind, Rest};
 use crate::scalar::Scalar;
@@ -31,9 +31,7 @@ impl Law for BrakeValveLag {
 
     fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Actuator(a) = port {
-            let opens = a.brake_opening.value() > x[0].value();
-            let tau = if opens { k[0] } else { k[1] };
-            (dx[0], a.brake_opening) = first_order(tau, a.brake_opening, x[0]);
+            (dx[0], a.brake_opening) = valve([k[0], k[1]], a.brake_opening, x[0]);
         }
     }
 
@@ -61,8 +59,7 @@ impl Law for Overlapped {
     fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
         BrakeValveLag.act(&k[..2], x, dx, port);
         if let Port::Actuator(a) = port {
-            let opening = (a.brake_opening - k[2]) / (S::constant(1.0) - k[2] * 2.0);
-            a.brake_opening = S::constant(1.0) - (S::constant(1.0) - opening.at_least(0.0)).at_least(0.0);
+            a.brake_opening = overlapped(a.brake_opening, k[2]);
         }
     }
 

@@ -187,6 +187,7 @@ mod tests {
             torque_nm: 0.0,
             voltage_v: 0.0,
             brake_open: true,
+            bypass_open: false,
         };
         law.rest(k, &still, &mut z);
         z

@@ -10,6 +10,7 @@ mod angle_offset;
 mod asymmetric_coulomb;
 mod backlash;
 mod brake_valve_lag;
+mod bypass_valve_lag;
 mod chamber_asymmetry;
 mod coulomb_friction;
 mod cross_leakage;
@@ -66,6 +67,7 @@ pub static LIBRARY: &[&dyn Effect] = &[
     &pump_warming::PumpWarming,
     &line_inertance::LineInertance,
     &brake_valve_lag::BrakeValveLag,
+    &bypass_valve_lag::BypassValveLag,
     &pressure_lag::PressureLag,
     &pressure_drift::PressureDrift,
     &angle_offset::AngleOffset,

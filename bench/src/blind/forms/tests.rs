@@ -38,7 +38,16 @@ fn chambers(form: &dyn Effect, k: &[f64], gauge_bar: [f64; 2], x: &[f64], dx: &m
 /// A free lever at rest in the middle between chambers at these pressures, bar absolute.
 fn still(pressure_bar: [f64; 2]) -> Rest<'static, f64> {
     let (angle_rad, actuator_torque_nm, torque_nm, voltage_v) = (0.0, 0.0, 0.0, 0.0);
-    Rest { arrival: Arrival::Free, angle_rad, pressure_bar, actuator_torque_nm, torque_nm, voltage_v, brake_open: true }
+    Rest {
+        arrival: Arrival::Free,
+        angle_rad,
+        pressure_bar,
+        actuator_torque_nm,
+        torque_nm,
+        voltage_v,
+        brake_open: true,
+        bypass_open: false,
+    }
 }
 
 #[test]
@@ -162,7 +171,7 @@ fn a_lag_of_second_order_starts_level_and_ends_at_the_voltage() {
     let (k, step) = ([0.02], 1e-4);
     let (mut x, mut dx) = ([0.0; 2], [0.0; 2]);
     let shown = |x: &[f64], dx: &mut [f64]| {
-        let mut a = ActuatorPort { time_s: 0.0, voltage_v: 12.0, brake_opening: 1.0 };
+        let mut a = ActuatorPort { time_s: 0.0, voltage_v: 12.0, brake_opening: 1.0, bypass_opening: 0.0 };
         PumpLagSecondOrder.act_value(&k, x, dx, &mut Port::Actuator(&mut a));
         a.voltage_v
     };

@@ -5,7 +5,7 @@ use crate::effects::{Balance, Header, Law, Parameter};
 use crate::port::{Port, PortKind, Rest};
 use crate::scalar::Scalar;
 
-static PUMP: [Parameter; 13] = [
+static PUMP: [Parameter; 16] = [
     term("voltage2", "ml/s", 0.05),
     term("voltage_square_odd", "ml/s", 0.05),
     term("voltage3", "ml/s", 0.05),
@@ -19,8 +19,11 @@ static PUMP: [Parameter; 13] = [
     term("after_opening", "ml/s", 2.0),
     term("after_closing", "ml/s", 2.0),
     term("dp_root", "ml/(s sqrt(bar))", 0.05),
+    term("bypass_root", "ml/(s sqrt(bar))", 2.0),
+    term("after_bypass_opening", "ml/(s bar)", 2.0),
+    term("after_bypass_closing", "ml/(s bar)", 2.0),
 ];
-static PUMP_STARTS: [[f64; 13]; 13] = typical(&PUMP);
+static PUMP_STARTS: [[f64; 16]; 16] = typical(&PUMP);
 
 /// Flow through pump and line.
 pub struct EmpiricalPump;
@@ -30,13 +33,13 @@ impl Law for EmpiricalPump {
         id: "empirical_pump",
         balance: Balance::Pump,
         ports: &[PortKind::Line],
-        summary: "a smooth flow through pump and brake valve over voltage, its past, the valve's past, and time",
-        equation: "Q += sum of c_i * term_i while oil can pass, and after the brake was switched; voltage in units of 24 V",
+        summary: "a smooth flow through pump and valves over voltage, its past, the valves' past, and time",
+        equation: "Q += sum of c_i * term_i while oil can pass, and after a valve was switched; voltage in units of 24 V",
         validity: VALIDITY,
         measure: MEASURE,
         literature: "",
         parameters: &PUMP,
-        states: 3,
+        states: 4,
         starts: &each_alone(&PUMP_STARTS),
         passive: false,
     };
@@ -50,8 +53,14 @@ impl Law for EmpiricalPump {
             dx[2] = (l.opening - x[2]) / 0.05;
             let past = x[2] - l.opening;
             l.flow_ml_s += if past.value() < 0.0 { k[10] } else { k[11] } * past * u;
+            dx[3] = (l.bypass_opening - x[3]) / 0.05;
+            let past = x[3] - l.bypass_opening;
+            let dp = l.dp_bar;
+            l.flow_ml_s += if past.value() < 0.0 { k[14] } else { k[15] } * past * dp;
+            if l.bypass_opening.value() > 0.0 {
+                l.flow_ml_s += k[13] * through_orifice(dp) * l.bypass_opening;
+            }
             if l.open {
-                let dp = l.dp_bar;
                 l.flow_ml_s += k[0] * u * u
                     + k[1] * u * u.abs()
                     + k[2] * u * u * u
@@ -68,6 +77,7 @@ impl Law for EmpiricalPump {
     fn rest<S: Scalar>(&self, _k: &[S], rest: &Rest<S>, x: &mut [S]) {
         x.fill(S::constant(rest.voltage_v / 24.0));
         x[2] = S::constant(f64::from(u8::from(rest.brake_open)));
+        x[3] = S::constant(f64::from(u8::from(rest.bypass_open)));
     }
 }
 
@@ -80,17 +90,17 @@ mod tests {
     const VOLTAGE_V: f64 = 12.0;
 
     /// Flow that a term alone adds at this opening, and how the valve's memory moves.
-    fn past(term: &str, x: &[f64; 3], opening: f64) -> (f64, f64) {
+    fn past(term: &str, x: &[f64; 4], opening: f64) -> (f64, f64) {
         let k = alone::<EmpiricalPump>(term, 3.0);
         let mut line = LinePort { opening, open: opening > 0.0, ..LinePort::open(1.0, VOLTAGE_V, 0.7) };
-        let mut dx = [0.0; 3];
+        let mut dx = [0.0; 4];
         EmpiricalPump.act(&k, x, &mut dx, &mut Port::Line(&mut line));
         (line.flow_ml_s, dx[2])
     }
 
     #[test]
     fn a_valve_s_past_acts_after_its_switch_alone_and_is_forgotten() {
-        let settled = |opening: f64| [VOLTAGE_V / 24.0, VOLTAGE_V / 24.0, opening];
+        let settled = |opening: f64| [VOLTAGE_V / 24.0, VOLTAGE_V / 24.0, opening, 0.0];
         for term in ["after_opening", "after_closing"] {
             for opening in [0.0, 1.0] {
                 assert_eq!(past(term, &settled(opening), opening), (0.0, 0.0), "a valve that stands");
@@ -105,11 +115,33 @@ mod tests {
     }
 
     #[test]
+    fn a_bypass_has_its_own_law_and_its_own_past() {
+        let flow = |term: &str, was: f64, opening: f64, dp_bar: f64| {
+            let k = alone::<EmpiricalPump>(term, 3.0);
+            let mut line = LinePort { bypass_opening: opening, ..LinePort::open(1.0, 0.0, dp_bar) };
+            let mut dx = [0.0; 4];
+            EmpiricalPump.act(&k, &[0.0, 0.0, 1.0, was], &mut dx, &mut Port::Line(&mut line));
+            (line.flow_ml_s, dx[3])
+        };
+        assert!((flow("bypass_root", 1.0, 1.0, 4.0).0 - 6.0).abs() < 1e-3, "3 times the root of 4 bar");
+        assert_eq!(flow("bypass_root", 0.0, 0.0, 4.0).0, 0.0, "a closed one passes nothing");
+        for term in ["after_bypass_opening", "after_bypass_closing"] {
+            assert_eq!((flow(term, 1.0, 1.0, 2.0), flow(term, 0.0, 0.0, 2.0)), ((0.0, 0.0), (0.0, 0.0)), "it stands");
+        }
+        assert_eq!(flow("after_bypass_closing", 1.0, 0.0, 2.0), (6.0, -20.0));
+        assert_eq!(flow("after_bypass_opening", 0.0, 1.0, 2.0), (-6.0, 20.0));
+        assert_eq!(
+            (flow("after_bypass_closing", 0.0, 1.0, 2.0).0, flow("after_bypass_opening", 1.0, 0.0, 2.0).0),
+            (0.0, 0.0)
+        );
+    }
+
+    #[test]
     fn a_slip_turns_with_the_pressure() {
         let slip = |term: &str, dp_bar: f64| {
             let k = alone::<EmpiricalPump>(term, -0.5);
             let mut line = LinePort::open(1.0, 0.0, dp_bar);
-            EmpiricalPump.act(&k, &[0.0, 0.0, 1.0], &mut [0.0; 3], &mut Port::Line(&mut line));
+            EmpiricalPump.act(&k, &[0.0, 0.0, 1.0, 0.0], &mut [0.0; 4], &mut Port::Line(&mut line));
             line.flow_ml_s
         };
         assert_eq!(

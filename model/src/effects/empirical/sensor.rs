@@ -126,6 +126,7 @@ mod tests {
             torque_nm: 0.0,
             voltage_v: 0.0,
             brake_open: true,
+            bypass_open: false,
         };
         let mut still = [f64::NAN; 5];
         EmpiricalSensor.rest(&[], &rest, &mut still);

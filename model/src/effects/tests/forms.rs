@@ -228,7 +228,7 @@ fn air_goes_into_solution_under_pressure_by_henry_s_law_and_comes_back() {
 fn stepped(k: &[f64], volts: f64) -> Vec<f64> {
     let (mut x, mut dx) = ([0.0; 3], [0.0; 3]);
     let step = |_| {
-        let mut a = ActuatorPort { time_s: 1.0, voltage_v: volts, brake_opening: 1.0 };
+        let mut a = ActuatorPort { time_s: 1.0, voltage_v: volts, brake_opening: 1.0, bypass_opening: 0.0 };
         general("pump_lag").act_value(k, &x, &mut dx, &mut Port::Actuator(&mut a));
         x.iter_mut().zip(&dx).for_each(|(x, d)| *x += 1e-4 * d);
         a.voltage_v
@@ -260,13 +260,17 @@ fn a_pump_is_late_by_lag_or_dead_time_and_no_faster_than_its_ramp() {
 
 #[test]
 fn a_valve_whose_armature_travels_first_opens_late_and_then_soon() {
-    // openings after each 0.1 ms from the command to open, and then to close
+    // openings of the brake after each 0.1 ms from the command to open, and then to close
     let switched = |k: &[f64], from: f64| {
-        let (mut x, mut dx) = ([from], [0.0]);
+        let [mut brake, mut bypass] = [([from], [0.0]); 2];
         let step = |_| {
-            let mut a = ActuatorPort { time_s: 1.0, voltage_v: 0.0, brake_opening: 1.0 - from };
-            general("brake_valve_lag").act_value(k, &x, &mut dx, &mut Port::Actuator(&mut a));
-            x[0] += 1e-4 * dx[0];
+            let to = 1.0 - from;
+            let mut a = ActuatorPort { time_s: 1.0, voltage_v: 0.0, brake_opening: to, bypass_opening: to };
+            for (id, (x, dx)) in [("brake_valve_lag", &mut brake), ("bypass_valve_lag", &mut bypass)] {
+                general(id).act_value(k, x, dx, &mut Port::Actuator(&mut a));
+                x[0] += 1e-4 * dx[0];
+            }
+            assert_eq!(a.brake_opening, a.bypass_opening, "the valves are alike");
             a.brake_opening
         };
         (0..4_000).map(step).collect::<Vec<f64>>()

@@ -1,0 +1,69 @@
+//! A bypass valve that takes its time.
+
+use super::lag::{overlapped, valve};
+use super::{Balance, Header, Law, Parameter, Refined};
+use crate::port::{Port, PortKind, Rest};
+use crate::scalar::Scalar;
+
+/// See [`Law::HEADER`].
+pub struct BypassValveLag;
+
+impl Law for BypassValveLag {
+    const HEADER: Header = Header {
+        id: "bypass_valve_lag",
+        balance: Balance::Pump,
+        ports: &[PortKind::Actuator],
+        summary: "the bypass valve opens or closes late",
+        equation: "tau*y' = command - y with tau = tau_open or tau_close by the direction; k_b is that of the open valve times the opening y",
+        validity: "first-order stand-in for coil delay and travel of the armature; flow proportional to the opening",
+        measure: "open and close the bypass while the lever holds the chambers at different pressures, and watch them",
+        literature: "Merritt, Hydraulic Control Systems, 1967, ch. 5 (valve dynamics)",
+        parameters: &[
+            Parameter { name: "tau_open", unit: "s", lower: 0.0, upper: 1.0, typical: 0.01, size: true },
+            Parameter { name: "tau_close", unit: "s", lower: 0.0, upper: 1.0, typical: 0.01, size: true },
+        ],
+        states: 1,
+        starts: &[&[0.01, 0.01], &[0.02, 0.0], &[0.0, 0.02], &[0.1, 0.1]],
+        passive: false,
+    };
+    const REFINED: Option<Refined> =
+        Some(Refined { effect: &Overlapped, neutral: &[0.0], starts: &[&[0.1], &[0.3], &[0.45]] });
+
+    fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
+        if let Port::Actuator(a) = port {
+            (dx[0], a.bypass_opening) = valve([k[0], k[1]], a.bypass_opening, x[0]);
+        }
+    }
+
+    fn rest<S: Scalar>(&self, _k: &[S], rest: &Rest<S>, x: &mut [S]) {
+        x[0] = S::constant(f64::from(u8::from(rest.bypass_open)));
+    }
+}
+
+/// An armature that has to travel before oil flows, and that has opened all when it has not yet arrived: from a first-order lag to a dead time.
+struct Overlapped;
+
+impl Law for Overlapped {
+    const HEADER: Header = Header {
+        equation: "tau*y' = command - y with tau = tau_open or tau_close by the direction; k_b is that of the open valve times the opening (y - s)/(1 - 2*s), from 0 to 1; a dead time of tau*ln 2 where s comes near 0.5",
+        validity: "overlap alike on both sides; flow proportional to the opening",
+        parameters: &[
+            BypassValveLag::HEADER.parameters[0],
+            BypassValveLag::HEADER.parameters[1],
+            Parameter { name: "s", unit: "1", lower: 0.0, upper: 0.48, typical: 0.2, size: false },
+        ],
+        starts: &[&[0.02, 0.02, 0.3]],
+        ..BypassValveLag::HEADER
+    };
+
+    fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
+        BypassValveLag.act(&k[..2], x, dx, port);
+        if let Port::Actuator(a) = port {
+            a.bypass_opening = overlapped(a.bypass_opening, k[2]);
+        }
+    }
+
+    fn rest<S: Scalar>(&self, k: &[S], rest: &Rest<S>, x: &mut [S]) {
+        BypassValveLag.rest(&k[..2], rest, x);
+    }
+}
