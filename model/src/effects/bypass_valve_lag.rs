@@ -1,6 +1,6 @@
 //! A bypass valve that takes its time.
 
-use super::lag::{overlapped, valve};
+use super::lag::{armature, overlapped, valve};
 use super::{Balance, Header, Law, Parameter, Refined};
 use crate::port::{Port, PortKind, Rest};
 use crate::scalar::Scalar;
@@ -26,8 +26,11 @@ impl Law for BypassValveLag {
         starts: &[&[0.01, 0.01], &[0.02, 0.0], &[0.0, 0.02], &[0.1, 0.1]],
         passive: false,
     };
-    const REFINED: Option<Refined> =
-        Some(Refined { effect: &Overlapped, neutral: &[0.0], starts: &[&[0.1], &[0.3], &[0.45]] });
+    const REFINED: Option<Refined> = Some(Refined {
+        effect: &Overlapped,
+        neutral: &[0.0, 0.0],
+        starts: &[&[0.1, 0.0], &[0.3, 0.0], &[0.45, 0.0], &[0.0, 0.7]],
+    });
 
     fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Actuator(a) = port {
@@ -40,26 +43,29 @@ impl Law for BypassValveLag {
     }
 }
 
-/// An armature that has to travel before oil flows, and that has opened all when it has not yet arrived: from a first-order lag to a dead time.
+/// An armature that has to travel before oil flows, and that has opened all when it has not yet arrived: from a first-order lag to a dead time. It
+/// may go most of its way at one speed.
 struct Overlapped;
 
 impl Law for Overlapped {
     const HEADER: Header = Header {
-        equation: "tau*y' = command - y with tau = tau_open or tau_close by the direction; k_b is that of the open valve times the opening (y - s)/(1 - 2*s), from 0 to 1; a dead time of tau*ln 2 where s comes near 0.5",
+        equation: "tau*y' = command - y with tau = tau_open or tau_close by the direction; k_b is that of the open valve times the opening (y - s)/(1 - 2*s), from 0 to 1; a dead time of tau*ln 2 where s comes near 0.5; with e above 0 y goes the share e of its way at one speed, and tau is the mean delay of y",
         validity: "overlap alike on both sides; flow proportional to the opening",
         parameters: &[
             BypassValveLag::HEADER.parameters[0],
             BypassValveLag::HEADER.parameters[1],
             Parameter { name: "s", unit: "1", lower: 0.0, upper: 0.48, typical: 0.2, size: false },
+            Parameter { name: "e", unit: "1", lower: 0.0, upper: 0.8, typical: 0.5, size: false },
         ],
-        starts: &[&[0.02, 0.02, 0.3]],
+        starts: &[&[0.02, 0.02, 0.3, 0.0]],
         ..BypassValveLag::HEADER
     };
 
     fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
-        BypassValveLag.act(&k[..2], x, dx, port);
         if let Port::Actuator(a) = port {
-            a.bypass_opening = overlapped(a.bypass_opening, k[2]);
+            let way;
+            (dx[0], way) = armature([k[0], k[1]], k[3], a.bypass_opening, x[0]);
+            a.bypass_opening = overlapped(way, k[2]);
         }
     }
 

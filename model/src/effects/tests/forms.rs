@@ -278,8 +278,8 @@ fn a_valve_whose_armature_travels_first_opens_late_and_then_soon() {
     let when = |seen: &[f64], beyond: f64| seen.iter().position(|y| *y > beyond).map(|n| n as f64 * 1e-4);
     let (open_s, close_s) = (0.04, 0.02);
     for s in [0.0, 0.2, 0.45] {
-        let opening = switched(&[open_s, close_s, s], 0.0);
-        let closing: Vec<f64> = switched(&[open_s, close_s, s], 1.0).iter().map(|y| 1.0 - y).collect();
+        let opening = switched(&[open_s, close_s, s, 0.0], 0.0);
+        let closing: Vec<f64> = switched(&[open_s, close_s, s, 0.0], 1.0).iter().map(|y| 1.0 - y).collect();
         for (seen, tau) in [(&opening, open_s), (&closing, close_s)] {
             assert!(seen.iter().all(|y| (0.0..=1.0).contains(y)));
             let half = when(seen, 0.5).expect("it opens half");
@@ -289,6 +289,15 @@ fn a_valve_whose_armature_travels_first_opens_late_and_then_soon() {
             let whole = when(seen, 0.999);
             assert!(s == 0.0 || whole.is_some_and(|t| (t - tau * (1.0 / s).ln()).abs() < 1e-3), "{whole:?}");
         }
+    }
+    // one that goes most of its way at one speed is as late in the mean, and opens evenly
+    for even in [0.0, 0.4, 0.8] {
+        let opening = switched(&[open_s, close_s, 0.0, even], 0.0);
+        let mean_s = opening.iter().map(|y| (1.0 - y) * 1e-4).sum::<f64>();
+        assert!((mean_s - open_s).abs() < 2e-4, "{mean_s}");
+        let fifth = |n: usize| when(&opening, 0.2 * n as f64).expect("it gets there");
+        let bend = (fifth(3) - fifth(2)) / (fifth(2) - fifth(1));
+        assert!(if even == 0.8 { (bend - 1.0).abs() < 0.01 } else { bend > 1.1 }, "{even}: {bend}");
     }
 }
 
