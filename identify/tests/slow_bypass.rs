@@ -45,7 +45,7 @@ impl Law for Armature {
     }
 }
 
-const TRAVEL_S: f64 = 0.03;
+const TRAVEL_S: f64 = 0.12;
 
 fn diagnosed(library: &[&str]) -> Diagnosis {
     let truth = Parameters::example();
