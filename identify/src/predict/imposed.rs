@@ -8,7 +8,7 @@ use model::scalar::{Scalar, Tangent};
 use super::{DEGREES, Run};
 use crate::prepare::Stretch;
 
-/// Steps in which a true angle or pressure is looked for. The error of the first one is the slope of the sensor's error (a hundredth, say) times what it began
+/// Steps in which a true angle, or a pressure at rest, is looked for. The error of the first one is the slope of the sensor's error (a hundredth, say) times what it began
 /// with, and of each further one about the product of the two before.
 pub(super) const STEPS: usize = 8;
 /// Error of it that does not matter, rad (and bar of the pressures).
@@ -40,9 +40,6 @@ impl Secant {
     }
 }
 
-/// The angle in what [`rec::shown`] gives, and its state.
-const ANGLE_SENSOR: (usize, usize) = (0, state::ANGLE);
-
 impl Run<'_> {
     /// Puts the inputs of row `i` that stand in the state into it.
     pub(super) fn impose(&mut self, i: usize) {
@@ -59,23 +56,12 @@ impl Run<'_> {
             self.x[state::PRESSURE1] = self.stretch.pressure_bar[0][i];
             self.x[state::PRESSURE2] = self.stretch.pressure_bar[1][i];
             if self.effects.touches(PortKind::Sensor) {
-                self.impose_true_pressures(i);
-            }
-        }
-    }
-
-    /// Puts the pressures at which the sensors show what is known of row `i` into the state, where that stands.
-    fn impose_true_pressures(&mut self, i: usize) {
-        let mut ways = [Secant::default(); 2];
-        for _ in 0..STEPS {
-            let seen = rec::shown(self.effects, self.stretch.time_s[i], &self.x, &mut self.scratch);
-            let off = [0, 1].map(|j| seen[j + 1] - self.stretch.pressure_bar[j][i]);
-            if off.iter().all(|v| v.abs() < CLOSE) {
-                break;
-            }
-            for (j, way) in ways.iter_mut().enumerate() {
-                let pressure = &mut self.x[state::PRESSURE1 + j];
-                *pressure = way.next(*pressure, off[j]);
+                // one step alone: what a sensor shows that is slow goes with its past, whatever the pressure is now
+                let seen = rec::shown(self.effects, self.stretch.time_s[i], &self.x, &mut self.scratch);
+                for j in 0..2 {
+                    let p = self.stretch.pressure_bar[j][i];
+                    self.x[state::PRESSURE1 + j] = p - (seen[j + 1] - p);
+                }
             }
         }
     }
@@ -94,26 +80,24 @@ impl Run<'_> {
         shown_rad - self.shift_rad
     }
 
-    /// Derivatives of a state that is true where its sensor, as it is at row `now`, shows what it shows at `value`: nothing that is known moves.
-    /// `sensor`: its place in what [`rec::shown`] gives, and the state's.
-    fn true_slope(&self, seeds: &Seeds, s: &Sensitivity, now: usize, sensor: (usize, usize), value: f64) -> Vec<f64> {
-        let (shows, of) = sensor;
+    /// Derivatives of the true angle where the sensor, as it is at row `now`, shows what it shows at `angle_rad`: nothing that is known moves.
+    fn true_angle_slope(&self, seeds: &Seeds, s: &Sensitivity, now: usize, angle_rad: f64) -> Vec<f64> {
         let states = self.x.len();
         let mut out = vec![0.0; s.row(0).len()];
         let mut through = vec![0.0; states];
         seeds.each_pass(|_, effects, first, count| {
             let mut x: Vec<Tangent> = self.x.iter().enumerate().map(|(j, v)| Tangent::variable(*v, j)).collect();
-            x[of] = Tangent::variable(value, of);
+            x[state::ANGLE] = Tangent::variable(angle_rad, state::ANGLE);
             let mut scratch = vec![Tangent::zero(); states];
-            let seen = rec::shown(effects, self.stretch.time_s[now], &x, &mut scratch)[shows];
+            let seen = rec::shown(effects, self.stretch.time_s[now], &x, &mut scratch)[0];
             through.copy_from_slice(&seen.slope[..states]);
             out[first..first + count].copy_from_slice(&seen.slope[states..states + count]);
         });
-        let by_own = through[of];
-        for (j, f) in through.iter().enumerate().filter(|(j, f)| *j != of && **f != 0.0) {
+        let by_angle = through[state::ANGLE];
+        for (j, f) in through.iter().enumerate().filter(|(j, f)| *j != state::ANGLE && **f != 0.0) {
             out.iter_mut().zip(s.row(j)).for_each(|(o, v)| *o += f * v);
         }
-        out.iter_mut().for_each(|o| *o /= -by_own);
+        out.iter_mut().for_each(|o| *o /= -by_angle);
         out
     }
 }
@@ -123,12 +107,12 @@ pub(super) fn impose_sensitivity(stretch: &Stretch, run: &Run, seeds: &Seeds, s:
     if run.carried {
         let (angle, velocity) = (run.x[state::ANGLE], run.x[state::VELOCITY]);
         if i == 0 {
-            let first = run.true_slope(seeds, s, 0, ANGLE_SENSOR, angle);
+            let first = run.true_angle_slope(seeds, s, 0, angle);
             first.iter().enumerate().for_each(|(column, v)| s.set(state::ANGLE, column, *v));
         }
         if i + 1 < stretch.rows() {
             let dt = run.step_length(i);
-            let next = run.true_slope(seeds, s, i, ANGLE_SENSOR, angle + velocity * dt);
+            let next = run.true_angle_slope(seeds, s, i, angle + velocity * dt);
             for (column, there) in next.iter().enumerate() {
                 s.set(state::VELOCITY, column, (there - s.get(state::ANGLE, column)) / dt);
             }
@@ -137,11 +121,16 @@ pub(super) fn impose_sensitivity(stretch: &Stretch, run: &Run, seeds: &Seeds, s:
     if stretch.pressure_bar[0].is_empty() {
         return;
     }
-    for of in [state::PRESSURE1, state::PRESSURE2] {
-        let shows = 1 + of - state::PRESSURE1;
-        let slope = run.true_slope(seeds, s, i, (shows, of), run.x[of]);
-        slope.iter().enumerate().for_each(|(column, v)| s.set(of, column, *v));
-    }
+    seeds.each_pass(|_, effects, first, count| {
+        let x: Vec<Tangent> = run.x.iter().map(|v| Tangent::constant(*v)).collect();
+        let mut scratch = vec![Tangent::zero(); x.len()];
+        let seen = rec::shown(effects, stretch.time_s[i], &x, &mut scratch);
+        for c in 0..count {
+            let lane = x.len() + c;
+            s.set(state::PRESSURE1, first + c, -seen[1].slope[lane]);
+            s.set(state::PRESSURE2, first + c, -seen[2].slope[lane]);
+        }
+    });
 }
 
 #[cfg(test)]
