@@ -7,7 +7,7 @@ use identify::predict::{linearise, predict};
 use identify::prepare::{Channel, Stretch, stretches};
 use model::Parameters;
 use model::effects::empirical::EMPIRICAL;
-use model::effects::{Effect, EffectSet};
+use model::effects::{Effect, EffectSet, find};
 use model::integrate::Integrator;
 use model::rec::{self, Circuit, Input, Lever, STATES, state};
 use recordings::{Plane, Protocol, Recording};
@@ -115,6 +115,63 @@ fn derivatives_by_the_sensor_s_errors_are_those_of_finite_differences() {
         for (n, e) in expected.iter().enumerate().filter(|(n, _)| steady(*n)) {
             let got = linear.slope[n * columns + c];
             assert!((got - e).abs() <= 0.03 * most, "{} at target {n}: {got} for {e}", parameter.name);
+        }
+    }
+}
+
+/// Releases of 1 ml from chamber 1 of a clamped lever, as pressure sensors show them that take `late_s` seconds.
+fn releases(truth: &Parameters, late_s: f64) -> Vec<Stretch> {
+    let lag = find("pressure_lag").unwrap();
+    let effects = EffectSet::new(STATES, [(lag, vec![late_s; 2])]);
+    let k = truth.to_vector();
+    let mut x = vec![0.0; STATES + effects.states];
+    (x[state::PRESSURE1], x[state::PRESSURE2]) = (5.0, 2.8);
+    let input = |release_ml_s: f64| Input {
+        voltage_v: 0.0,
+        brake_open: false,
+        bypass_open: false,
+        vertical: false,
+        lever: Lever::Led { velocity_rad_s: 0.0 },
+        circuit: Circuit::ShutOff { release_ml_s },
+    };
+    rec::rest_states(&input(0.0), &k, &effects, &mut x);
+    let mut scratch = x.clone();
+    let mut r = Recording::default();
+    let integrator = Integrator::new(1e-3);
+    for row in 0..1200 {
+        let (t, step) = (row as f64 * STEP_S, row / 200);
+        let releasing = step > 0 && row % 200 < 30;
+        let shown = rec::shown(&effects, t, &x, &mut scratch);
+        r.time_s.push(t);
+        r.voltage_v.push(0.0);
+        r.angle_deg.push(shown[0]);
+        r.pressure1_bar.push(shown[1]);
+        r.pressure2_bar.push(shown[2]);
+        r.torque_nm.push(f64::NAN);
+        r.volume_ml.push(if releasing { f64::NAN } else { x[state::VOLUME] });
+        r.brake_open.push(false);
+        r.bypass_open.push(false);
+        r.segment.push(step);
+        integrator.advance(&input(if releasing { 1.0 / 0.3 } else { 0.0 }), &k, &effects, t, STEP_S, &mut x).unwrap();
+    }
+    stretches(0, "c.csv", Protocol::ClampSteps, Plane::Horizontal, &r).unwrap()
+}
+
+#[test]
+fn pressures_that_a_slow_sensor_shows_are_inputs_all_the_same() {
+    let truth = Parameters::example();
+    let layout = Layout::base(&truth).with(find("pressure_lag").unwrap());
+    for late_s in [0.0, 0.02, 0.06] {
+        let mut theta = layout.vector_of(&truth);
+        theta.extend([late_s; 2]);
+        let cut = releases(&truth, late_s);
+        assert!(!cut.is_empty());
+        for s in &cut {
+            let volumes = s.targets.iter().zip(predict(s, &layout, &theta, &[0.0; 3]).unwrap());
+            let volumes: Vec<(f64, f64)> =
+                volumes.filter(|(t, _)| t.channel == Channel::Volume).map(|(t, y)| (t.measured, y)).collect();
+            assert!(volumes.iter().any(|(measured, _)| *measured > 3.0), "{volumes:?}");
+            assert!(volumes.iter().all(|(measured, y)| (measured - y).abs() < 0.05), "{late_s}: {volumes:?}");
         }
     }
 }

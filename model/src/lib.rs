@@ -1,4 +1,5 @@
 //! Plant equations of the REC actuator, generic over the scalar type; parameters; the library of effects; integration.
+mod characteristics;
 pub mod effects;
 pub mod integrate;
 mod near;

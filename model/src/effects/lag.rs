@@ -18,33 +18,6 @@ pub(super) fn first_order<S: Scalar>(tau_s: S, input: S, state: S) -> (S, S) {
     }
 }
 
-/// A valve that takes `tau_s` (to open, to close) to follow its command, with the way of its armature as `state`: (derivative of the state, the way).
-#[inline(always)]
-pub(super) fn valve<S: Scalar>(tau_s: [S; 2], command: S, state: S) -> (S, S) {
-    let [opens, closes] = tau_s;
-    first_order(if command.value() > state.value() { opens } else { closes }, command, state)
-}
-
-/// The same of an armature that goes the share `even` of its way at one speed and the rest as a lag; `tau_s` is the mean delay whatever that share is.
-#[inline(always)]
-pub(super) fn armature<S: Scalar>(tau_s: [S; 2], even: S, command: S, state: S) -> (S, S) {
-    // from a distance r on as a lag of tau*2r/(1 + r^2): its even part takes (1 - r)/r of that, at a mean distance of (1 + r)/2
-    let r = S::constant(1.0) - even;
-    let shorter = r * 2.0 / (r * r + 1.0);
-    let (rate, way) = valve(tau_s.map(|tau| tau * shorter), command, state);
-    let ahead = (command - state).abs();
-    (if ahead.value() > r.value() { rate * r / ahead } else { rate }, way)
-}
-
-/// Opening of a valve whose armature has gone this share of its way, with an overlap of the share `s` at both ends of it: (way - s)/(1 - 2*s),
-/// from 0 to 1.
-#[inline(always)]
-pub(super) fn overlapped<S: Scalar>(way: S, s: S) -> S {
-    let one = S::constant(1.0);
-    let opening = (way - s) / (one - s * 2.0);
-    one - (one - opening.at_least(0.0)).at_least(0.0)
-}
-
 /// A lag of second order, `memory_s*tau_s*y'' + tau_s*y' + y = input`: (derivatives of the two states, what is passed on). The states are `y` and
 /// what drives it, `tau_s*y'`. It swings where `memory_s` is more than a quarter of `tau_s`, is [`first_order`] where it is 0, and passes the input on
 /// exactly at `tau_s` = 0.

@@ -35,6 +35,7 @@ mod stribeck_friction;
 mod tilt;
 mod torque_cubic;
 mod trapped_air;
+mod valve;
 mod wall_creep;
 
 pub use asymmetric_coulomb::AsymmetricCoulomb;
@@ -66,8 +67,8 @@ pub static LIBRARY: &[&dyn Effect] = &[
     &pump_asymmetry::PumpAsymmetry,
     &pump_warming::PumpWarming,
     &line_inertance::LineInertance,
-    &brake_valve_lag::BrakeValveLag,
-    &bypass_valve_lag::BypassValveLag,
+    &brake_valve_lag::BRAKE_VALVE_LAG,
+    &bypass_valve_lag::BYPASS_VALVE_LAG,
     &pressure_lag::PressureLag,
     &pressure_drift::PressureDrift,
     &angle_offset::AngleOffset,
