@@ -21,7 +21,7 @@ pub fn left_behind(problem: &Problem, reached: Fit, afar: &[f64]) -> Fit {
     }
     match fit(problem, &reached.layout, problem.point(theta), LEAD) {
         Ok(led) if led.cost < reached.cost => {
-            tracing::info!(from = reached.cost, to = led.cost, "the reference model was in a false minimum");
+            tracing::info!(from = reached.cost, to = led.cost, "the fit was in a false minimum");
             led
         }
         _ => reached,

@@ -2,10 +2,12 @@
 
 use model::integrate::SimulationError;
 
-use super::LOST;
+use super::{LOST, MATERIAL};
 use super::compare::{guided, to_the_end};
 use super::search::{Found, Search, is_gross};
+use crate::false_minimum::left_behind;
 use crate::fit::{Effort, Fit, fit};
+use crate::misfit;
 use crate::problem::{Point, Problem};
 
 /// Tells which start leads.
@@ -41,8 +43,27 @@ impl Search<'_> {
             _ => (lead, false),
         };
         let Some(fit) = ended(self.problem, current, start, to_the_end()) else { return Ok(None) };
+        let reached = fit.cost;
+        let fit = self.from_afar(fit)?;
+        let moved = moved || fit.cost < reached;
         let there = if moved { self.nested(&fit).ok() } else { None };
         Ok(Some(Seated { fit, brief: there.filter(|there| there.cost < brief.cost) }))
+    }
+
+    /// A fit that leaves more than noise, or a better one of the same names from base values that no effect has bent.
+    fn from_afar(&self, reached: Fit) -> Result<Fit, SimulationError> {
+        if misfit::left_by(self.problem, &reached)? < MATERIAL {
+            return Ok(reached);
+        }
+        let mut afar = reached.point.theta.clone();
+        afar[..self.component.len()].copy_from_slice(self.component);
+        let led = left_behind(self.problem, reached.clone(), &afar);
+        if led.cost >= reached.cost {
+            return Ok(reached);
+        }
+        let ended = fit(self.problem, &led.layout, led.point.clone(), to_the_end())?;
+        tracing::info!(from = reached.cost, to = ended.cost, "the names fit better from afar");
+        Ok(ended)
     }
 
     /// A few steps on the whole runs from where a guide lets go of the model: the best of them.
