@@ -5,17 +5,17 @@ use crate::fit::{Effort, Fit, fit};
 use crate::layout::Layout;
 use crate::problem::{Point, Problem};
 
-/// A general form is taken where it leaves at most this share of the cost.
-const BETTER: f64 = 0.98;
+/// Share of the cost that a general form leaves at most where it is to be taken without a further judge.
+pub const CLEARLY: f64 = 0.98;
 
 /// So many starts that cost least are followed,
 const FOLLOWED: usize = 4;
 /// a few steps, which tell which of them leads down.
 const FEW: Effort = Effort { iterations: 3, tolerance: 1e-3, promise: f64::INFINITY, creep: 0.0, ahead: false };
 
-/// The fit, or a better one in which those of these effects that have a general form carry it, brought to its minimum with this effort. Effects that
-/// a model had before keep theirs.
-pub fn refined(problem: &Problem, found: Fit, added: &[&str], effort: Effort) -> Fit {
+/// The fit, or one that leaves at most the share `better` of its cost, in which those of these effects that have a general form carry it, brought to its
+/// minimum with this effort. Effects that a model had before keep theirs.
+pub fn refined(problem: &Problem, found: Fit, added: &[&str], effort: Effort, better: f64) -> Fit {
     let mut best = found;
     for n in 0..best.layout.effects.len() {
         let form = best.layout.effects[n].refined().filter(|form| added.contains(&form.effect.header().id));
@@ -37,7 +37,7 @@ pub fn refined(problem: &Problem, found: Fit, added: &[&str], effort: Effort) ->
         let led = followed.filter_map(|(_, layout, point)| fit(problem, &layout, point, FEW).ok());
         let Some(led) = led.min_by(|a, b| a.cost.total_cmp(&b.cost)) else { continue };
         if let Ok(general) = fit(problem, &led.layout, led.point, effort)
-            && general.cost < BETTER * best.cost
+            && general.cost < better * best.cost
         {
             tracing::debug!(id = form.effect.header().id, from = best.cost, to = general.cost, "general form");
             best = general;

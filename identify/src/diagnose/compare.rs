@@ -83,7 +83,7 @@ pub(super) fn refit_all(
     let gain = before - out.first().map_or(before, |r| r.fit.cost.min(beside));
     for r in out.iter_mut().take(SHAPED).filter(|r| before - r.fit.cost > HALF * gain) {
         if !is_noise(problem, &r.fit) {
-            r.fit = forms::refined(problem, r.fit.clone(), &r.added, GENERAL.effort());
+            r.fit = forms::refined(problem, r.fit.clone(), &r.added, GENERAL.effort(), forms::CLEARLY);
         }
         if r.led.is_none() && !is_noise(problem, &r.fit) {
             r.fit = shapes::search(problem, r.fit.clone(), HEATS[2].effort());
@@ -109,7 +109,7 @@ pub(super) fn is_nearly_all(problem: &Problem, before: f64, after: f64) -> bool 
 /// they may be caught in a false minimum.
 const SHAPED: usize = 3;
 /// A general form has to find its place first.
-const GENERAL: Heat = Heat { iterations: 15, ..HEATS[3] };
+pub(super) const GENERAL: Heat = Heat { iterations: 15, ..HEATS[3] };
 
 /// A fit leaves nothing that matters.
 fn is_noise(problem: &Problem, fit: &Fit) -> bool {
@@ -117,7 +117,7 @@ fn is_noise(problem: &Problem, fit: &Fit) -> bool {
 }
 
 /// A heat of [`refit_all`].
-struct Heat {
+pub(super) struct Heat {
     /// Runs in it who is among so many,
     most: usize,
     /// gains at least this share of what the best gains,
@@ -129,7 +129,7 @@ struct Heat {
 }
 
 impl Heat {
-    fn effort(&self) -> Effort {
+    pub fn effort(&self) -> Effort {
         Effort { iterations: self.iterations, tolerance: self.tolerance, creep: CREEP, ..Effort::default() }
     }
 }

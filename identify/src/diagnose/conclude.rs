@@ -100,7 +100,7 @@ impl Search<'_> {
                 (Verdict::Unrecognised, step, names)
             }
             (None, Some(n)) => {
-                let mut step = found.steps[n].clone();
+                let mut step = self.in_best_form(found.steps[n].clone())?;
                 step.fit = simplify(self.problem, step.fit)?;
                 step.residual = self.problem.residuals(&step.fit.layout, &step.fit.point)?;
                 let tie = step.next_experiment().is_some();

@@ -6,6 +6,7 @@
 
 mod compare;
 mod conclude;
+mod form;
 mod holdout;
 mod nameless;
 mod needless;

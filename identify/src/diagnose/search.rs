@@ -352,7 +352,7 @@ fn is_back(begun: (&BTreeSet<&str>, f64), ended: (&BTreeSet<&str>, f64)) -> bool
 /// Share of the cost below which a fit of the same names stands in another minimum.
 const BETTER_MINIMUM: f64 = 0.99;
 /// Standard errors (by clusters) by which data that were left out must be predicted better.
-const HELD: f64 = 2.0;
+pub(super) const HELD: f64 = 2.0;
 
 #[cfg(test)]
 mod tests {

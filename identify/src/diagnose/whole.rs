@@ -2,9 +2,9 @@
 
 use model::integrate::SimulationError;
 
-use super::{LOST, MATERIAL};
 use super::compare::{guided, to_the_end};
 use super::search::{Found, Search, is_gross};
+use super::{LOST, MATERIAL};
 use crate::false_minimum::left_behind;
 use crate::fit::{Effort, Fit, fit};
 use crate::misfit;
