@@ -328,9 +328,10 @@ impl<'a> Search<'a> {
             names = ?best.added, better, held, held_better, removed, sound, disagreement, cost = step.fit.cost,
             "best candidate"
         );
-        let left = |step: &Step| misfit::total(&self.left(found, step));
-        let certain = misfit::largest(&found.parts(self.problem, last)) > CLEAR;
-        let complete = left(step) < (1.0 - EXPLAINED) * left(last);
+        // as data left out show it: a fit takes up a part of what is missing
+        let (without, with) = (self.left(found, last), self.left(found, step));
+        let certain = misfit::largest(&without) > CLEAR;
+        let complete = misfit::total(&with) < (1.0 - EXPLAINED) * misfit::total(&without);
         let preferred = held > 0.0 && is_preferred(better, held_better, certain, complete);
         Ok(preferred && removed >= MATERIAL && sound)
     }
