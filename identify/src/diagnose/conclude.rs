@@ -234,6 +234,8 @@ const FORM_OF_TWO: f64 = 0.01;
 const NEXT_TO_NOTHING: f64 = 0.2;
 /// One name of which less than this share of the whole is left (a thirtieth of its amplitude) is what is missing, however many noise floors its form leaves.
 const ALL_BUT_FORM: f64 = 0.001;
+/// Two effects in different balances of which less than this share of the whole is left (a hundredth of its amplitude) are what is missing.
+const BOTH: f64 = 1e-4;
 /// Terms without a name, which are many, predict about as well as two names where they leave at most so many times as much.
 const ALIKE: f64 = 2.0;
 /// Terms without a name are preferred to a name that leaves more than noise where they leave less than this share of what the name
@@ -248,10 +250,10 @@ const NAMELESS: f64 = 0.5;
 ///
 /// Two names that leave more than noise, and more than want of form would, are one thing imitated by two where terms of one balance fit the data better
 /// (which the caller must see to: the share is above 1) and leave about as much of what was left out: many a foreign effect is imitated by two. Two names `apart`, in
-/// different balances, are so whatever they leave that matters.
+/// different balances, are so whatever they leave that matters, unless it is the hundredth part of the amplitude.
 fn enough(names: usize, apart: bool, largest: f64, of_whole: f64) -> Option<f64> {
     if apart {
-        return (largest >= MATERIAL).then_some(ALIKE);
+        return (largest >= MATERIAL && of_whole >= BOTH).then_some(ALIKE);
     }
     if names >= MOST_EFFECTS {
         let share = if of_whole > FORM_OF_TWO { ALIKE } else { NEXT_TO_NOTHING };
@@ -335,5 +337,6 @@ mod tests {
         assert_eq!(enough(2, false, 2.0, 0.03), Some(ALIKE), "one thing may be imitated by two");
         assert_eq!(enough(2, true, 0.11, 0.02), Some(ALIKE), "one balance may do for both");
         assert_eq!(enough(2, true, 0.05, 0.001), None, "what they leave does not matter");
+        assert_eq!(enough(2, true, 0.6, 0.00006), None, "nothing of one balance is imitated so well");
     }
 }

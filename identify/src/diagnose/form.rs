@@ -22,7 +22,7 @@ impl Search<'_> {
             if general.layout.len() == best.fit.layout.len() {
                 continue;
             }
-            let ended = fit(self.problem, &general.layout, general.point, to_the_end())?;
+            let ended = self.from_afar(fit(self.problem, &general.layout, general.point, to_the_end())?)?;
             let Some(effect) = ended.layout.effects.iter().copied().find(|e| e.header().id == id) else { continue };
             let names = best.names.iter().map(|name| match name.effect.header().id == id {
                 true => Name { effect, ..name.clone() },
@@ -39,5 +39,45 @@ impl Search<'_> {
             }
         }
         Ok(best)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::common::{dynamic, layout, problem};
+    use crate::diagnose::Declared;
+    use crate::fit::Effort;
+    use model::Parameters;
+    use model::effects::{Effect, find};
+
+    /// Entries of the layout's effects after [`Search::in_best_form`], and what it leaves over what the library's form does, for data with this form.
+    fn formed(form: &'static dyn Effect, values: &[f64]) -> (usize, f64) {
+        let truth = Parameters::example();
+        let plain = find("elastic_hysteresis").unwrap();
+        let runs = [7, 8, 9].map(|seed| dynamic(&truth, Some((form, values.to_vec())), 30.0, seed));
+        let (problem, layout) = (problem(&runs), layout(&truth).with(plain));
+        let component = crate::common::layout(&truth).vector_of(&truth);
+        let start = problem.point([&component[..], &[0.2, 0.1]].concat());
+        let named = fit(&problem, &layout, start, Effort::default()).unwrap();
+        let (without, point) = named.without(0);
+        let reference = fit(&problem, &without, point, Effort::default()).unwrap();
+        let search = Search::new(&[], &Declared { problem: &problem, fit: &reference, component: &component }, &|_| ());
+        let name = Name { effect: plain, probability: 1.0, equivalent: Vec::new(), next_experiment: None };
+        let step = search.step(named, vec![name]).unwrap();
+        let before = step.fit.cost;
+        let best = search.in_best_form(step).unwrap();
+        assert_eq!(best.names[0].effect.header().parameters.len(), best.fit.layout.len() - without.len());
+        (best.fit.layout.len() - without.len(), best.fit.cost / before)
+    }
+
+    #[test]
+    fn a_general_form_is_taken_where_the_rig_has_one_and_not_where_it_has_the_library_s() {
+        let plain = find("elastic_hysteresis").unwrap();
+        let general = plain.refined().unwrap().effect;
+        let (entries, cost) = formed(general, &[1.0, 0.15, 3.0, 0.6, 0.4, 6.0]);
+        assert_eq!(entries, general.header().parameters.len(), "{cost}");
+        assert!(cost < 0.999, "{cost}");
+        assert_eq!(formed(plain, &[0.3, 0.1]), (2, 1.0));
     }
 }

@@ -144,10 +144,13 @@ const GROSS: f64 = 1.5;
 /// names: of two the better one explains about half, or more.
 const LOST: f64 = 1.0 / 3.0;
 
+/// Share of what was missing (a half of its amplitude) that a first name leaves where a second one may act beside it, however little that is.
+const LEFT_BY_ONE: f64 = 0.25;
+
 /// Most names that a misfit of this size (largest structured residual, noise floors) can bear: one that is hardly more than noise is fitted by many a
-/// pair, whatever its cause.
-fn most_names(largest: f64) -> usize {
-    if largest > CLEAR { MOST_EFFECTS } else { 1 }
+/// pair, whatever its cause. Unless a first name leaves a good part of it (`left`, a share; 0 where nothing is named yet).
+fn most_names(largest: f64, left: f64) -> usize {
+    if largest > CLEAR || left > LEFT_BY_ONE { MOST_EFFECTS } else { 1 }
 }
 
 /// Runs the whole chain with the whole library.
@@ -238,7 +241,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_hardly_more_than_noise_bears_one_name() {
-        assert_eq!((most_names(0.5), most_names(5.0)), (1, 2));
+    fn what_is_hardly_more_than_noise_bears_one_name_unless_that_leaves_half_of_it() {
+        assert_eq!((most_names(0.5, 0.0), most_names(5.0, 0.0)), (1, 2));
+        assert_eq!((most_names(0.5, 0.1), most_names(0.5, 0.4)), (1, 2));
+        assert_eq!(most_names(0.5, f64::NAN), 1, "nothing was there that data left out show");
     }
 }

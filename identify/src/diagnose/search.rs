@@ -238,13 +238,9 @@ impl<'a> Search<'a> {
     /// How many names what the reference model leaves can bear.
     pub fn most_names(&self, found: &Found) -> usize {
         let before = misfit::largest(&found.parts(self.problem, &found.steps[0]));
-        if found.steps.len() == 1 {
-            return most_names(before);
-        }
-        let left = self.left(found, found.last());
-        let share = misfit::total(&left) / misfit::total(&self.left(found, &found.steps[0]));
-        tracing::info!(share, "second name?");
-        if share > 0.25 { 2 } else { most_names(before) }
+        let total = |step: &Step| misfit::total(&self.left(found, step));
+        let left = if found.steps.len() > 1 { total(found.last()) / total(&found.steps[0]) } else { 0.0 };
+        most_names(before, left)
     }
 
     /// Adds the best candidate of a round to the last step; `None` where no judge or not every judge is convinced.

@@ -51,7 +51,7 @@ impl Search<'_> {
     }
 
     /// A fit that leaves more than noise, or a better one of the same names from base values that no effect has bent.
-    fn from_afar(&self, reached: Fit) -> Result<Fit, SimulationError> {
+    pub fn from_afar(&self, reached: Fit) -> Result<Fit, SimulationError> {
         if misfit::left_by(self.problem, &reached)? < MATERIAL {
             return Ok(reached);
         }
@@ -146,5 +146,28 @@ mod tests {
         assert!(brief.cost > 10.0 * targets(&search.brief), "a free run finds it as well: {}", brief.cost);
         assert!(seated.fit.cost < targets(&problem), "{}", seated.fit.cost);
         assert!(seated.brief.is_some_and(|led| led.cost < targets(&search.brief)));
+    }
+
+    #[test]
+    fn a_fit_of_names_in_a_false_minimum_is_found_from_base_values_that_no_effect_has_bent() {
+        let truth = Parameters::example();
+        let displacement = find("displacement_pressure").unwrap();
+        let values = [-0.1, -2.0, 0.1];
+        let runs = [7, 8, 9].map(|seed| dynamic(&truth, Some((displacement, values.to_vec())), 12.0, seed));
+        let (problem, layout) = (problem(&runs), layout(&truth));
+        let component = layout.vector_of(&truth);
+        let bent = fit(&problem, &layout, problem.point(component.clone()), Effort::default()).unwrap();
+        let search = Search::new(&[], &Declared { problem: &problem, fit: &bent, component: &component }, &|_| ());
+        let layout = layout.with(displacement);
+        let mut point = bent.point.clone();
+        point.theta.extend(values);
+        let cost = problem.cost(&layout, &point);
+        let stuck = Fit { layout, point, cost, converged: true };
+        let targets = problem.targets() as f64;
+        assert!(cost > 5.0 * targets, "the base has not bent: {}", cost / targets);
+        let led = search.from_afar(stuck).unwrap();
+        assert!(led.cost < 1.1 * targets, "{}", led.cost / targets);
+        let again = search.from_afar(led.clone()).unwrap();
+        assert_eq!(again.cost, led.cost, "what leaves noise stays");
     }
 }
