@@ -5,7 +5,7 @@ use crate::effects::{Balance, Header, Law, Parameter};
 use crate::port::{Port, PortKind, Rest};
 use crate::scalar::Scalar;
 
-static SENSOR: [Parameter; 39] = [
+static SENSOR: [Parameter; 41] = [
     term("angle_zero", "deg", 0.05),
     term("angle_gain", "1", 0.002),
     term("pressure1_zero", "bar", 0.02),
@@ -45,8 +45,10 @@ static SENSOR: [Parameter; 39] = [
     term("wave21_cosine", "deg", 0.05),
     term("wave24_sine", "deg", 0.05),
     term("wave24_cosine", "deg", 0.05),
+    term("pressure1_of_2", "1", 0.005),
+    term("pressure2_of_1", "1", 0.005),
 ];
-static SENSOR_STARTS: [[f64; 39]; 39] = typical(&SENSOR);
+static SENSOR_STARTS: [[f64; 41]; 41] = typical(&SENSOR);
 
 /// Where a pressure sensor's curve is expanded.
 const MIDDLE_BAR: f64 = 2.5;
@@ -59,7 +61,7 @@ impl Law for EmpiricalSensor {
         id: "empirical_sensor",
         balance: Balance::Sensor,
         ports: &[PortKind::Sensor],
-        summary: "zero, gain, bend, ripple, drift and lag of the sensors",
+        summary: "zero, gain, bend, ripple, drift, lag and cross-talk of the sensors",
         equation: "shown += sum of c_i * term_i; angle in units of 40 deg, pressure about 2.5 bar where it is bent, from its cube on in units of 2.5 bar; waves of 6, 9, 12, ... 24 rad of phase to a radian of the angle",
         validity: VALIDITY,
         measure: MEASURE,
@@ -72,8 +74,9 @@ impl Law for EmpiricalSensor {
 
     fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Sensor(s) = port {
+            let seen_bar = s.pressure_bar;
             for i in 0..2 {
-                let p = s.pressure_bar[i];
+                let p = seen_bar[i];
                 // a transducer forgets within milliseconds, a long hose or a wall between them within a second
                 dx[i] = (p - x[i]) / 0.02;
                 dx[2 + i] = (p - x[2 + i]) / 0.5;
@@ -86,7 +89,9 @@ impl Law for EmpiricalSensor {
                     + (k[19 + i] + (k[21 + i] + k[23 + i] * a) * a) * a * a * a
                     + k[6 + i] * grown(s.time_s)
                     + k[8 + i] * (x[i] - p)
-                    + k[10 + i] * (x[2 + i] - p);
+                    + k[10 + i] * (x[2 + i] - p)
+                    // a common supply, or a channel switch that keeps a part of the other's charge
+                    + k[39 + i] * (seen_bar[1 - i] - MIDDLE_BAR);
             }
             let angle_deg = s.angle_deg;
             let a = angle_deg / 40.0;
@@ -188,6 +193,19 @@ mod tests {
                     is(&term, 1 + sensor, 0.3 * share.powi(power), error(&term, 10.0, pressure_bar));
                 }
             }
+        }
+    }
+
+    #[test]
+    fn a_pressure_sensor_shows_a_part_of_what_the_other_one_sees() {
+        for (term, expected) in [("pressure1_of_2", [2.0 + 0.1 * 1.5, 4.0]), ("pressure2_of_1", [2.0, 4.0 - 0.1 * 0.5])]
+        {
+            let k = alone::<EmpiricalSensor>(term, 0.1);
+            let mut port = SensorPort { time_s: 1.0, angle_deg: 5.0, pressure_bar: [2.0, 4.0] };
+            let still = [2.0, 4.0, 2.0, 4.0, 5.0];
+            EmpiricalSensor.act(&k, &still, &mut [0.0; 5], &mut Port::Sensor(&mut port));
+            let off = port.pressure_bar.iter().zip(expected).map(|(a, b)| (a - b).abs());
+            assert!(off.into_iter().all(|d: f64| d < 1e-12), "{term}: {:?}", port.pressure_bar);
         }
     }
 
