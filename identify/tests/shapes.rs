@@ -81,9 +81,9 @@ fn takes(id: &str, start: &[f64], sealed: &[&[f64]]) {
         point.theta.extend(start);
         let found = fit(&problem, &layout(&truth).with(plain), point, Effort::default()).unwrap();
         let targets = problem.targets() as f64;
-        let kept = forms::refined(&problem, found.clone(), &[], Effort::default());
+        let kept = forms::refined(&problem, found.clone(), &[], Effort::default(), forms::CLEARLY);
         assert_eq!(kept.point.theta, found.point.theta, "what was not added is left alone");
-        let refined = forms::refined(&problem, found.clone(), &[id], Effort::default());
+        let refined = forms::refined(&problem, found.clone(), &[id], Effort::default(), forms::CLEARLY);
         assert!(refined.cost < 1.1 * targets, "{values:?}: {} from {}", refined.cost / targets, found.cost / targets);
         let own = &refined.point.theta[refined.layout.first_of(0)..];
         assert_eq!(own.len(), values.len(), "{own:?}");

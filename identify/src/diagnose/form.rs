@@ -22,7 +22,7 @@ impl Search<'_> {
             if general.layout.len() == best.fit.layout.len() {
                 continue;
             }
-            let ended = self.from_afar(fit(self.problem, &general.layout, general.point, to_the_end())?)?;
+            let ended = self.sought_from_afar(fit(self.problem, &general.layout, general.point, to_the_end())?)?;
             let Some(effect) = ended.layout.effects.iter().copied().find(|e| e.header().id == id) else { continue };
             let names = best.names.iter().map(|name| match name.effect.header().id == id {
                 true => Name { effect, ..name.clone() },

@@ -44,7 +44,7 @@ impl Search<'_> {
         };
         let Some(fit) = ended(self.problem, current, start, to_the_end()) else { return Ok(None) };
         let reached = fit.cost;
-        let fit = self.from_afar(fit)?;
+        let fit = self.sought_from_afar(fit)?;
         let moved = moved || fit.cost < reached;
         let there = if moved { self.nested(&fit).ok() } else { None };
         Ok(Some(Seated { fit, brief: there.filter(|there| there.cost < brief.cost) }))
@@ -52,7 +52,7 @@ impl Search<'_> {
 
     /// A fit that leaves more than noise, or a better one of the same names from base values that no effect has bent. Far from the noise it is the form or
     /// another effect that is missing.
-    pub fn from_afar(&self, reached: Fit) -> Result<Fit, SimulationError> {
+    pub fn sought_from_afar(&self, reached: Fit) -> Result<Fit, SimulationError> {
         let far = reached.cost > FAR * self.problem.targets() as f64;
         if far || misfit::left_by(self.problem, &reached)? < MATERIAL {
             return Ok(reached);
@@ -167,9 +167,9 @@ mod tests {
         let stuck = Fit { layout, point, cost, converged: true };
         let targets = problem.targets() as f64;
         assert!(cost > 2.0 * targets && cost < FAR * targets, "{}", cost / targets);
-        let led = search.from_afar(stuck).unwrap();
+        let led = search.sought_from_afar(stuck).unwrap();
         assert!(led.cost < 1.1 * targets, "{}", led.cost / targets);
-        let again = search.from_afar(led.clone()).unwrap();
+        let again = search.sought_from_afar(led.clone()).unwrap();
         assert_eq!(again.cost, led.cost, "what leaves noise stays");
     }
 }
