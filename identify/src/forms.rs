@@ -23,8 +23,7 @@ pub fn refined(problem: &Problem, found: Fit, added: &[&str], effort: Effort, be
         let own = best.layout.first_of(n)..best.layout.first_of(n + 1);
         let plain = &best.point.theta[own];
         // from the form that was found, and from those that such effects have
-        let own = std::iter::once(&form.neutral).chain(form.starts);
-        let bent = own.map(|own| [plain, own].concat());
+        let bent = form.starts.iter().map(|own| [plain, own].concat());
         let starts = bent.chain(form.effect.header().starts.iter().map(|s| s.to_vec()));
         let mut costly: Vec<(f64, Layout, Point)> = starts
             .map(|values| {
