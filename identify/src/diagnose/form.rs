@@ -1,7 +1,7 @@
 //! The form of what is named, at the end.
 //!
 //! A name is compared in the library's form, and in a general one where that leaves more than noise. Once the names stand, the general forms are asked for
-//! whatever is left: what is little in the runs that were fitted may be much in others.
+//! where anything is left: what is little in the runs that were fitted may be much in others.
 
 use model::integrate::SimulationError;
 
@@ -30,20 +30,23 @@ impl Search<'_> {
             if general.layout.len() == best.fit.layout.len() {
                 continue;
             }
-            let ended = self.sought_from_afar(fit(self.problem, &general.layout, general.point, to_the_end())?)?;
+            // where a form can't be linearised, or simulated without a fold, the name keeps the one that it has
+            let Ok(ended) = fit(self.problem, &general.layout, general.point, to_the_end()) else { continue };
+            let ended = self.sought_from_afar(ended)?;
             let Some(effect) = ended.layout.effects.iter().copied().find(|e| e.header().id == id) else { continue };
             let names = best.names.iter().map(|name| match name.effect.header().id == id {
                 true => Name { effect, ..name.clone() },
                 false => name.clone(),
             });
             let names = names.collect();
-            let other = self.step(ended, names)?;
+            let Ok(other) = self.step(ended, names) else { continue };
             let (_, better) = advantage(&best.residual, &other.residual, &self.clusters, self.count);
             let (_, held) = advantage(&best.held_out, &other.held_out, &self.clusters, self.count);
             let cost = other.fit.cost / best.fit.cost;
             tracing::info!(id, better, held, cost, "general form at the end");
             if better >= PREFERRED && held >= HELD {
-                best = other;
+                // what the score test says of the step is said of its names
+                best = Step { silent: best.silent, ..other };
             }
         }
         Ok(best)
@@ -72,9 +75,10 @@ mod tests {
         let reference = fit(&problem, &without, point, Effort::default()).unwrap();
         let search = Search::new(&[], &Declared { problem: &problem, fit: &reference, component: &component }, &|_| ());
         let name = Name { effect: plain, probability: 1.0, equivalent: Vec::new(), next_experiment: None };
-        let step = search.step(named, vec![name]).unwrap();
+        let step = Step { silent: true, ..search.step(named, vec![name]).unwrap() };
         let before = step.fit.cost;
         let best = search.in_best_form(step).unwrap();
+        assert!(best.silent, "what was said of the names stays");
         assert_eq!(best.names[0].effect.header().parameters.len(), best.fit.layout.len() - without.len());
         (best.fit.layout.len() - without.len(), best.fit.cost / before)
     }

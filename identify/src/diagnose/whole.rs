@@ -63,7 +63,8 @@ impl Search<'_> {
         if led.cost >= reached.cost {
             return Ok(reached);
         }
-        let ended = fit(self.problem, &led.layout, led.point.clone(), to_the_end())?;
+        // where it can't be linearised it stays where it was led
+        let ended = fit(self.problem, &led.layout, led.point.clone(), to_the_end()).unwrap_or(led);
         tracing::info!(from = reached.cost, to = ended.cost, "the names fit better from afar");
         Ok(ended)
     }
