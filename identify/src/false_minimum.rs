@@ -8,15 +8,20 @@ use crate::problem::Problem;
 
 /// The first seconds of each run that a fit is led over: a short horizon has few false minima.
 const HORIZONS_S: [f64; 2] = [8.0, 40.0];
+/// What leaves so many times what the other fit leaves there, although only that horizon was fitted, is on its way to a higher minimum.
+const BEHIND: f64 = 2.0;
 const LEAD: Effort = Effort { iterations: 12, tolerance: 1e-4, promise: f64::INFINITY, creep: 0.0, ahead: false };
 
 /// The better of two fits of one model: as it is, and once more from `afar`, base values that no effect has bent, over longer and longer horizons. What an
-/// effect gains must not be what another start would have gained without it.
+/// effect gains must not be what another start would have gained without it. A way that falls behind on a short horizon is not gone to its end.
 pub fn left_behind(problem: &Problem, reached: Fit, afar: &[f64]) -> Fit {
     let mut theta = afar.to_vec();
     for seconds in HORIZONS_S {
         let horizon = problem.shortened(seconds);
         let Ok(led) = fit(&horizon, &reached.layout, horizon.point(theta), LEAD) else { return reached };
+        if led.cost > BEHIND * horizon.cost(&reached.layout, &reached.point) {
+            return reached;
+        }
         theta = led.point.theta;
     }
     match fit(problem, &reached.layout, problem.point(theta), LEAD) {

@@ -10,8 +10,13 @@ pub const CLEARLY: f64 = 0.98;
 
 /// So many starts that cost least are followed,
 const FOLLOWED: usize = 4;
+/// if they cost at most so many times what the cheapest does,
+const FURTHER: f64 = 100.0;
 /// a few steps, which tell which of them leads down.
 const FEW: Effort = Effort { iterations: 3, tolerance: 1e-3, promise: f64::INFINITY, creep: 0.0, ahead: false };
+
+/// One that then leaves so many times what the library's form does is not brought to its minimum.
+const BEHIND: f64 = 5.0;
 
 /// The fit, or one that leaves at most the share `better` of its cost, in which those of these effects that have a general form carry it, brought to its
 /// minimum with this effort. Effects that a model had before keep theirs.
@@ -33,9 +38,11 @@ pub fn refined(problem: &Problem, found: Fit, added: &[&str], effort: Effort, be
             .filter(|(cost, ..)| cost.is_finite())
             .collect();
         costly.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let followed = costly.into_iter().take(FOLLOWED);
+        let most = costly.first().map_or(0.0, |(cost, ..)| FURTHER * cost);
+        let followed = costly.into_iter().take(FOLLOWED).filter(|(cost, ..)| *cost <= most);
         let led = followed.filter_map(|(_, layout, point)| fit(problem, &layout, point, FEW).ok());
-        let Some(led) = led.min_by(|a, b| a.cost.total_cmp(&b.cost)) else { continue };
+        let lowest = led.min_by(|a, b| a.cost.total_cmp(&b.cost));
+        let Some(led) = lowest.filter(|led| led.cost < BEHIND * best.cost) else { continue };
         if let Ok(general) = fit(problem, &led.layout, led.point, effort)
             && general.cost < better * best.cost
         {

@@ -66,7 +66,9 @@ pub const SHOWS: f64 = 5.0;
 /// Cost a target there from which something is missing at all.
 const LACKS: f64 = 2.0;
 /// An effect that leaves so many times what another one leaves under the tightest guide, after a few steps, does not catch up with it.
-const BEHIND: f64 = 20.0;
+const BEHIND: f64 = 5.0;
+/// One that leaves so many times as much is led from no more starts.
+const LAGS: f64 = 2.0;
 /// Factors by which a shape leaps to where another minimum may be,
 const LEAPS: [f64; 4] = [1.0 / 16.0, 0.25, 4.0, 16.0];
 /// which it is where a glance leaves less than so many times as much,
@@ -155,7 +157,8 @@ impl Guided {
         }
         let leads = |led: &Fit| self.share_of_missing(led.cost) > LEADS && led.cost < BEHIND * beside;
         let (lowest, mut others) = self.first_steps(effect).filter(|(led, _)| leads(led))?;
-        let more = if self.is_all_but_explained(lowest.cost) { 0 } else { MORE };
+        let lags = lowest.cost > LAGS * beside;
+        let more = if lags || self.is_all_but_explained(lowest.cost) { 0 } else { MORE };
         others.sort_by(|a, b| a.0.total_cmp(&b.0));
         let layout = lowest.layout.clone();
         let glance = |(_, point): (f64, Point)| fit(tight, &layout, point, GLANCE).ok();

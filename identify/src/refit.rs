@@ -18,6 +18,13 @@ pub struct Refit {
     pub led: Option<f64>,
 }
 
+impl Refit {
+    /// What was added, where it is one effect.
+    pub fn only(&self) -> Option<&'static str> {
+        if let [id] = self.added[..] { Some(id) } else { None }
+    }
+}
+
 /// Where a refit may start, and on what.
 pub struct Bases<'a> {
     /// The current fit, linearised: the right place for a small effect, and for one that what was fitted has taken up.

@@ -57,6 +57,12 @@ pub(super) fn refit_all(
         // beside one that explains nearly all, in free run or where it is led, only what looks like it matters, and that is refitted as such
         let explained = out.iter().any(|r| is_nearly_all(problem, before, r.fit.cost))
             || bases.guided.is_some_and(|guided| guided.is_all_but_explained(led));
+        let best = out.iter().filter(|r| r.fit.cost < HARDLY_MORE * problem.targets() as f64).find_map(|r| r.only());
+        // beside one that leaves hardly more than noise of a gross misfit nobody who neither looks like it nor does half of it linearly matters
+        let alike = |id: &str| set.iter().any(|e| round.share_held(id, e.header().id).is_some_and(|held| held > ALIKE));
+        if bases.gross && round.gain_of(set) < HALF * before && best.is_some_and(|id| !alike(id)) {
+            continue;
+        }
         let own =
             if explained { Bases { gross: false, guided: None, ..*bases } } else { Bases { beside: led, ..*bases } };
         if let Some(refit) = refit(problem, &own, &added, HEATS[0].effort()) {
@@ -99,6 +105,9 @@ pub(super) fn refit_all(
 /// Share of what is missing that a candidate takes away where it explains a gross misfit: others then need not be looked for with all that leads to gross
 /// effects.
 const NEARLY_ALL: f64 = 0.98;
+
+/// Cost a target that is hardly more than that of noise.
+const HARDLY_MORE: f64 = 1.5;
 
 /// A fit of cost `after` takes away all but nothing of what one of cost `before` leaves beside noise.
 pub(super) fn is_nearly_all(problem: &Problem, before: f64, after: f64) -> bool {
@@ -163,8 +172,7 @@ pub(super) fn look_alikes(
     open: &[&'static dyn Effect],
 ) -> Vec<Vec<&'static dyn Effect>> {
     let Some(best) = refits.first() else { return Vec::new() };
-    let [id] = best.added[..] else { return Vec::new() };
-    let Some(&own) = round.of(id).first() else { return Vec::new() };
+    let Some(id) = best.only() else { return Vec::new() };
     open.iter()
         .copied()
         .filter(|e| e.header().id != id)
@@ -172,12 +180,7 @@ pub(super) fn look_alikes(
         .filter(|e| {
             !refits.iter().any(|r| r.added.contains(&e.header().id) && (r.fit.converged || !best.fit.converged))
         })
-        .filter(|e| {
-            let all = round.every(e.header().id);
-            let held = round.gram.share_held(own, &all);
-            tracing::debug!(best = id, other = e.header().id, held, "angle");
-            held > ALIKE
-        })
+        .filter(|e| round.share_held(id, e.header().id).is_some_and(|held| held > ALIKE))
         .map(|e| vec![e])
         .collect()
 }
@@ -290,6 +293,34 @@ mod tests {
         let is = |before: f64, after: f64| is_nearly_all(&problem, before * noise, after * noise);
         assert!(is(1000.0, 10.0) && is(11.0, 1.15), "which ends at 1");
         assert!(!is(1000.0, 25.0) && !is(11.0, 1.5) && !is(1.0, 0.9));
+    }
+
+    #[test]
+    fn beside_one_that_explains_a_gross_misfit_to_the_noise_only_its_like_is_refitted() {
+        let truth = model::Parameters::example();
+        let effect = |id: &str| model::effects::find(id).unwrap();
+        let with = Some((effect("pump_lag"), vec![0.04]));
+        let problem =
+            crate::common::problem(&[7, 8].map(|seed| crate::common::dynamic(&truth, with.clone(), 12.0, seed)));
+        let layout = crate::common::layout(&truth);
+        let component = layout.vector_of(&truth);
+        let bent = crate::fit::fit(&problem, &layout, problem.point(component.clone()), Effort::default()).unwrap();
+        let offered = ["pump_lag", "pump_asymmetry"].map(effect);
+        let round = Round::new(&problem, &bent, offered.iter().copied()).unwrap();
+        let refitted = |ids: &[&str], gross: bool| {
+            let (scene, component) = (&round.scene, &component[..]);
+            let bases = Bases { scene, component, short: &problem, guided: None, beside: f64::INFINITY, gross };
+            let sets: Vec<Vec<&'static dyn Effect>> = ids.iter().map(|id| vec![effect(id)]).collect();
+            let refits = refit_all(&problem, &bases, &round, &sets, None, &|_| ());
+            refits.iter().filter_map(Refit::only).collect::<Vec<_>>()
+        };
+        assert_eq!(refitted(&["pump_lag", "pump_asymmetry"], true), ["pump_lag"]);
+        assert_eq!(
+            refitted(&["pump_asymmetry", "pump_lag"], true),
+            ["pump_lag", "pump_asymmetry"],
+            "nothing is explained yet"
+        );
+        assert_eq!(refitted(&["pump_lag", "pump_asymmetry"], false).len(), 2, "a small one costs little");
     }
 
     #[test]

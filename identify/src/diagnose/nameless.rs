@@ -213,8 +213,7 @@ fn empirical(
     let ports = search.problem.plant.header().ports;
     let terms = EMPIRICAL.iter().filter(|e| e.header().ports.iter().all(|p| ports.contains(p)));
     let terms = terms.filter(|e| only.is_none_or(|balance| e.header().balance == balance));
-    let mut gains: Vec<(f64, &'static dyn Effect)> =
-        terms.map(|e| (round.gram.gain(&round.of(e.header().id)), *e)).collect();
+    let mut gains: Vec<(f64, &'static dyn Effect)> = terms.map(|e| (round.gain_of(&[*e]), *e)).collect();
     gains.sort_by(|a, b| b.0.total_cmp(&a.0));
     tracing::debug!(?gains, "nameless terms");
     let top = gains.first().map_or(0.0, |(g, _)| *g);

@@ -77,6 +77,19 @@ impl<'a> Round<'a> {
         out
     }
 
+    /// Part of the cost that these effects together take away, linearly.
+    pub fn gain_of(&self, set: &[&'static dyn Effect]) -> f64 {
+        self.gram.gain(&set.iter().flat_map(|e| self.of(e.header().id)).collect::<Vec<_>>())
+    }
+
+    /// Share of one effect's best direction that another's hold: nearly all where the two look alike; `None` where the one has no direction.
+    pub fn share_held(&self, id: &str, other: &str) -> Option<f64> {
+        let own = *self.of(id).first()?;
+        let held = self.gram.share_held(own, &self.every(other));
+        tracing::debug!(id, other, held, "angle");
+        Some(held)
+    }
+
     /// Positions of all directions of an effect.
     pub fn every(&self, id: &str) -> Vec<usize> {
         (0..self.directions.len()).filter(|&i| self.directions[i].effect.header().id == id).collect()
@@ -93,12 +106,8 @@ impl<'a> Round<'a> {
 
     /// Sets of one effect out of `candidates`, and the best of two where two together explain far more than either, the best first.
     pub fn shortlist(&self, candidates: &[&'static dyn Effect], most: usize) -> Vec<Vec<&'static dyn Effect>> {
-        let mut singles: Vec<(f64, usize)> = candidates
-            .iter()
-            .enumerate()
-            .map(|(n, e)| (self.gram.gain(&self.of(e.header().id)), n))
-            .filter(|(g, _)| *g > 0.0)
-            .collect();
+        let mut singles: Vec<(f64, usize)> =
+            candidates.iter().enumerate().map(|(n, e)| (self.gain_of(&[*e]), n)).filter(|(g, _)| *g > 0.0).collect();
         singles.sort_by(|a, b| b.0.total_cmp(&a.0));
         let Some(&(top, _)) = singles.first() else { return Vec::new() };
         let mut out: Vec<Vec<&'static dyn Effect>> = singles

@@ -227,10 +227,7 @@ impl<'a> Search<'a> {
         let fit = round.scene.fit;
         let residual = self.brief.residuals(&fit.layout, &fit.point)?;
         let left = misfit::cost(&misfit::parts(&self.brief, &residual, &found.colours));
-        let gain = |set: Vec<&'static dyn Effect>| {
-            round.gram.gain(&set.iter().flat_map(|e| round.of(e.header().id)).collect::<Vec<_>>())
-        };
-        let most = round.shortlist(&self.open(fit), 3).into_iter().map(gain).fold(0.0, f64::max);
+        let most = round.shortlist(&self.open(fit), 3).iter().map(|set| round.gain_of(set)).fold(0.0, f64::max);
         tracing::info!(of_whole, largest, left, most, "what a second name could do, linearly");
         Ok(matter_of_form(of_whole, most / left, largest))
     }

@@ -50,7 +50,7 @@ impl Search<'_> {
         let shortlist = round.shortlist(open, if bases.gross { 6 } else { 5 });
         let Some(guided) = bases.guided else { return Ok(shortlist) };
         let Some(mut under) = round.under_guide(self)? else { return Ok(shortlist) };
-        let in_free_run = open.iter().map(|e| round.gram.gain(&round.of(e.header().id)) / bases.scene.fit.cost);
+        let in_free_run = open.iter().map(|e| round.gain_of(&[*e]) / bases.scene.fit.cost);
         let in_free_run = in_free_run.fold(0.0, f64::max);
         if !under.shows {
             let shortlist = under.joined(shortlist);
@@ -100,7 +100,7 @@ impl UnderGuide {
     pub fn of(guided: &Guided, candidates: &[&'static dyn Effect]) -> Result<Option<Self>, SimulationError> {
         let Some((problem, fit)) = guided.tightest() else { return Ok(None) };
         let round = Round::new(problem, fit, candidates.iter().copied())?;
-        let share = |e: &'static dyn Effect| round.gram.gain(&round.of(e.header().id)) / fit.cost;
+        let share = |e: &'static dyn Effect| round.gain_of(&[e]) / fit.cost;
         let shares = candidates.iter().map(|e| (*e, share(*e))).collect();
         Ok(Some(UnderGuide::sorted(shares, guided.shows(), false)))
     }

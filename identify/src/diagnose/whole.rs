@@ -13,6 +13,9 @@ use crate::problem::{Point, Problem};
 /// Tells which start leads.
 const FEW: Effort = Effort { iterations: 3, tolerance: 1e-6, promise: f64::INFINITY, creep: 0.0, ahead: true };
 
+/// A start that leaves up to so many times what a fit leaves after those steps may yet be better than it.
+const HALFWAY: f64 = 1.5;
+
 /// A fit in the best minimum that was found for it.
 pub(super) struct Seated {
     pub fit: Fit,
@@ -34,7 +37,8 @@ impl Search<'_> {
         let Some(lead) = lead(self.problem, current, self.component, brief) else { return Ok(None) };
         // what takes away little is not named, wherever it stands
         let little = brief.cost / without.cost > (1.0 - LOST) * found.steps[0].fit.cost / current.cost;
-        let led = if little || !is_gross(self.problem, &lead, &found.colours)? { None } else { self.let_go(&lead) };
+        let led =
+            if little || !is_gross(self.problem, &lead, &found.colours)? { None } else { self.let_go(&lead, brief) };
         let (start, moved) = match led {
             Some(led) if led.cost < lead.cost => {
                 tracing::info!(from = lead.cost, to = led.cost, "a guide leads further");
@@ -69,14 +73,15 @@ impl Search<'_> {
         Ok(ended)
     }
 
-    /// A few steps on the whole runs from where a guide lets go of the model: the best of them.
-    fn let_go(&self, lead: &Fit) -> Option<Fit> {
+    /// A few steps on the whole runs from where a guide lets go of the model. It lets go in several places; a few steps on the brief runs tell which of them
+    /// may be better than the `brief` fit, and the best of them is tried.
+    fn let_go(&self, lead: &Fit, brief: &Fit) -> Option<Fit> {
         let starts = guided(self.problem, lead, self.component)?.let_go();
-        let led =
-            starts.into_iter().filter_map(|theta| fit(self.problem, &lead.layout, self.problem.point(theta), FEW).ok());
-        let led: Vec<Fit> = led.collect();
-        tracing::debug!(lead = lead.cost, costs = ?led.iter().map(|fit| fit.cost).collect::<Vec<_>>(), "the guide lets go");
-        led.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost))
+        let few = |problem: &Problem, theta: Vec<f64>| fit(problem, &lead.layout, problem.point(theta), FEW).ok();
+        let led: Vec<Fit> = starts.into_iter().filter_map(|theta| few(&self.brief, theta)).collect();
+        tracing::debug!(brief = brief.cost, costs = ?led.iter().map(|fit| fit.cost).collect::<Vec<_>>(), "the guide lets go");
+        let best = led.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost))?;
+        if best.cost < HALFWAY * brief.cost { few(self.problem, best.point.theta) } else { None }
     }
 }
 
