@@ -147,28 +147,31 @@ impl UnderGuide {
     /// A shortlist with those that lead under the guide beside it: what a free run's base parameters have taken up is small there too, but they can't
     /// follow it as far.
     pub fn joined(&self, mut shortlist: Vec<Vec<&'static dyn Effect>>) -> Vec<Vec<&'static dyn Effect>> {
-        for (effect, _) in self.shares.iter().take(FIRST) {
+        for (effect, _) in self.shares.iter().take(FIRST).filter(|(_, share)| !self.shows || *share >= LEADS) {
             add_single(&mut shortlist, *effect);
         }
         shortlist
     }
 
-    /// The first sets of a shortlist and those that are still open, and the best candidates besides. Where none takes away most, two may be missing,
-    /// and the shortlist stays whole; where none leads, here or in free run, none of them is what is missing. `in_free_run`: the largest share of the
-    /// cost that a candidate takes away there, linearly. Who takes away most here comes first, for what it leaves says how far others must be led.
+    /// The first sets of a shortlist and those that are still open, and the best candidates besides. Where none takes away most, two may be missing, or one
+    /// shows less linearly than it does: the shortlist stays whole, and those that lead join it. Where none leads, here or in free run, none of them is what is
+    /// missing. `in_free_run`: the largest share of the cost that a candidate takes away there, linearly. Who takes away most here comes first, for what it
+    /// leaves says how far others must be led.
     pub fn narrow(&self, shortlist: Vec<Vec<&'static dyn Effect>>, in_free_run: f64) -> Vec<Vec<&'static dyn Effect>> {
         if !self.leads() && in_free_run < MOST {
             return Vec::new();
         }
-        if !self.takes_most() {
-            return shortlist;
-        }
         let open = |e: &&'static dyn Effect| self.share(*e) >= BESIDE * self.best();
         let stays = |(place, set): &(usize, Vec<_>)| *place < FIRST || set.iter().all(open);
-        let mut out: Vec<_> = shortlist.into_iter().enumerate().filter(stays).map(|(_, set)| set).collect();
-        for (effect, _) in self.shares.iter().take(BEST).filter(|(e, _)| open(e)) {
-            add_single(&mut out, *effect);
-        }
+        let mut out = if self.takes_most() {
+            let mut out: Vec<_> = shortlist.into_iter().enumerate().filter(stays).map(|(_, set)| set).collect();
+            for (effect, _) in self.shares.iter().take(BEST).filter(|(e, _)| open(e)) {
+                add_single(&mut out, *effect);
+            }
+            out
+        } else {
+            self.joined(shortlist)
+        };
         let leaves = |set: &Vec<&'static dyn Effect>| match set[..] {
             [effect] => 1.0 - self.share(effect),
             _ => 1.0,
@@ -236,10 +239,11 @@ mod tests {
     }
 
     #[test]
-    fn where_none_takes_away_most_all_stay_and_where_none_leads_none() {
-        let two = under(&[("pump_lag", 0.4), ("end_stop", 0.35)]);
+    fn where_none_takes_away_most_all_stay_beside_who_leads_and_where_none_leads_none() {
+        let two = under(&[("pump_lag", 0.4), ("end_stop", 0.05)]);
         let shortlist = vec![effects(&["tilt"]), effects(&["end_stop", "pump_lag"])];
-        assert_eq!(ids(&two.narrow(shortlist.clone(), 0.0)), ["tilt", "end_stop+pump_lag"]);
+        let narrowed = ids(&two.narrow(shortlist.clone(), 0.0));
+        assert_eq!(narrowed, ["pump_lag", "tilt", "end_stop+pump_lag"], "the one that leads first, free run or not");
         assert!(!two.rules_out(effects(&["tilt"])[0]) && two.leads());
         for none in [under(&[("pump_lag", 0.05)]), under(&[])] {
             assert!(!none.leads() && none.narrow(shortlist.clone(), 0.3).is_empty());
