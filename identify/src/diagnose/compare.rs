@@ -57,8 +57,10 @@ pub(super) fn refit_all(
         // beside one that explains nearly all, in free run or where it is led, only what looks like it matters, and that is refitted as such
         let explained = out.iter().any(|r| is_nearly_all(problem, before, r.fit.cost))
             || bases.guided.is_some_and(|guided| guided.is_all_but_explained(led));
-        let best = out.iter().filter(|r| r.fit.cost < HARDLY_MORE * problem.targets() as f64).find_map(|r| r.only());
         // beside one that leaves hardly more than noise of a gross misfit nobody who neither looks like it nor does half of it linearly matters
+        let noise = HARDLY_MORE * problem.targets() as f64;
+        let is_it = |r: &&Refit| r.fit.cost < noise && is_nearly_all(problem, before, r.fit.cost);
+        let best = out.iter().filter(is_it).find_map(Refit::only);
         let alike = |id: &str| set.iter().any(|e| round.share_held(id, e.header().id).is_some_and(|held| held > ALIKE));
         if bases.gross && round.gain_of(set) < HALF * before && best.is_some_and(|id| !alike(id)) {
             continue;
@@ -295,32 +297,36 @@ mod tests {
         assert!(!is(1000.0, 25.0) && !is(11.0, 1.5) && !is(1.0, 0.9));
     }
 
-    #[test]
-    fn beside_one_that_explains_a_gross_misfit_to_the_noise_only_its_like_is_refitted() {
+    /// Which of these effects are refitted, in this order, on runs of a rig whose pump is late by so much.
+    fn refitted(tau_s: f64, ids: &[&str], gross: bool) -> Vec<&'static str> {
         let truth = model::Parameters::example();
         let effect = |id: &str| model::effects::find(id).unwrap();
-        let with = Some((effect("pump_lag"), vec![0.04]));
-        let problem =
-            crate::common::problem(&[7, 8].map(|seed| crate::common::dynamic(&truth, with.clone(), 12.0, seed)));
-        let layout = crate::common::layout(&truth);
+        let late = Some((effect("pump_lag"), vec![tau_s]));
+        let runs = [7, 8].map(|seed| crate::common::dynamic(&truth, late.clone(), 12.0, seed));
+        let (problem, layout) = (crate::common::problem(&runs), crate::common::layout(&truth));
         let component = layout.vector_of(&truth);
         let bent = crate::fit::fit(&problem, &layout, problem.point(component.clone()), Effort::default()).unwrap();
-        let offered = ["pump_lag", "pump_asymmetry"].map(effect);
-        let round = Round::new(&problem, &bent, offered.iter().copied()).unwrap();
-        let refitted = |ids: &[&str], gross: bool| {
-            let (scene, component) = (&round.scene, &component[..]);
-            let bases = Bases { scene, component, short: &problem, guided: None, beside: f64::INFINITY, gross };
-            let sets: Vec<Vec<&'static dyn Effect>> = ids.iter().map(|id| vec![effect(id)]).collect();
-            let refits = refit_all(&problem, &bases, &round, &sets, None, &|_| ());
-            refits.iter().filter_map(Refit::only).collect::<Vec<_>>()
-        };
-        assert_eq!(refitted(&["pump_lag", "pump_asymmetry"], true), ["pump_lag"]);
+        let round = Round::new(&problem, &bent, ids.iter().map(|id| effect(id))).unwrap();
+        let (scene, component) = (&round.scene, &component[..]);
+        let bases = Bases { scene, component, short: &problem, guided: None, beside: f64::INFINITY, gross };
+        let sets: Vec<Vec<&'static dyn Effect>> = ids.iter().map(|id| vec![effect(id)]).collect();
+        let mut out: Vec<_> =
+            refit_all(&problem, &bases, &round, &sets, None, &|_| ()).iter().filter_map(Refit::only).collect();
+        out.sort();
+        out
+    }
+
+    #[test]
+    fn beside_one_that_explains_a_gross_misfit_to_the_noise_only_its_like_is_refitted() {
+        let both = ["pump_asymmetry", "pump_lag"];
+        assert_eq!(refitted(0.04, &["pump_lag", "pump_asymmetry"], true), ["pump_lag"]);
+        assert_eq!(refitted(0.04, &["pump_asymmetry", "pump_lag"], true), both, "nothing is explained yet");
+        assert_eq!(refitted(0.04, &["pump_lag", "pump_asymmetry"], false), both, "a small one costs little");
         assert_eq!(
-            refitted(&["pump_asymmetry", "pump_lag"], true),
-            ["pump_lag", "pump_asymmetry"],
-            "nothing is explained yet"
+            refitted(0.0, &["pump_lag", "pump_asymmetry"], true),
+            both,
+            "noise before and after explains nothing"
         );
-        assert_eq!(refitted(&["pump_lag", "pump_asymmetry"], false).len(), 2, "a small one costs little");
     }
 
     #[test]

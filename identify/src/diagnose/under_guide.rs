@@ -145,7 +145,7 @@ impl UnderGuide {
     }
 
     /// A shortlist with those that lead under the guide beside it: what a free run's base parameters have taken up is small there too, but they can't
-    /// follow it as far.
+    /// follow it as far. Where what is missing shows, those alone that take away some of it.
     pub fn joined(&self, mut shortlist: Vec<Vec<&'static dyn Effect>>) -> Vec<Vec<&'static dyn Effect>> {
         for (effect, _) in self.shares.iter().take(FIRST).filter(|(_, share)| !self.shows || *share >= LEADS) {
             add_single(&mut shortlist, *effect);

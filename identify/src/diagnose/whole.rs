@@ -13,7 +13,7 @@ use crate::problem::{Point, Problem};
 /// Tells which start leads.
 const FEW: Effort = Effort { iterations: 3, tolerance: 1e-6, promise: f64::INFINITY, creep: 0.0, ahead: true };
 
-/// A start that leaves up to so many times what a fit leaves after those steps may yet be better than it.
+/// A start that after those steps leaves at most so many times what the fit does may yet end below it.
 const HALFWAY: f64 = 1.5;
 
 /// A fit in the best minimum that was found for it.
