@@ -3,12 +3,13 @@
 //!
 //! | question | judged by | outcome |
 //! |---|---|---|
-//! | does a sensor stand still, saturate, repeat its twin ([`sensors`]) | what the other sensors and the command show meanwhile | the channel or the run is set aside and said |
+//! | does a sensor stand still, repeat its twin ([`sensors`]), saturate ([`saturation`]) | what the other sensors and the command show meanwhile | the channel or the run is set aside and said |
 //! | is the unit the contract's ([`units`]) | physics: no absolute pressure is negative, no hydraulic rig of this kind works at 280,000 bar; the twin sensor and the other runs | error with the likely unit |
 //! | are the signs the contract's ([`signs`]) | the pump: `u > 0` raises `p1 - p2` and turns the lever towards positive angles | error with what is exchanged |
 //!
 //! Ranges are wide, so that an unusual rig passes; what lies within them is left to the fit.
 
+mod saturation;
 mod sensors;
 mod series;
 mod signs;

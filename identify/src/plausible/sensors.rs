@@ -1,4 +1,4 @@
-//! Sensors that stand still, saturate or repeat their twin.
+//! Sensors that stand still or repeat their twin; those that saturate are in [`super::saturation`].
 //!
 //! A quiet sensor is no broken one: at rest everything stands still, a clamped lever keeps its angle, a shut chamber its pressure. A
 //! sensor is called broken only where another one, or the command, says that it should have moved:
@@ -13,8 +13,8 @@
 
 use recordings::{Protocol, Recording, RunEntry};
 
+use super::saturation::saturated;
 use super::series::{Motion, longest_constant};
-use crate::noise::{step, white_std};
 use crate::prepare::segments;
 
 /// A sensor of the rig, with its column of the contract.
@@ -40,7 +40,7 @@ impl Sensor {
         ["angle_deg", "pressure1_bar", "pressure2_bar", "torque_nm", "volume_ml"][self as usize]
     }
 
-    fn of(self, r: &Recording) -> &[f64] {
+    pub(super) fn of(self, r: &Recording) -> &[f64] {
         match self {
             Sensor::Angle => &r.angle_deg,
             Sensor::Pressure1 => &r.pressure1_bar,
@@ -105,7 +105,7 @@ impl SetAside {
 const STUCK_SHARE: f64 = 0.2;
 const STUCK_CHANGES: usize = 2;
 /// Share of missing rows from which a run is of no use.
-const TOO_MUCH: f64 = 0.5;
+pub(super) const TOO_MUCH: f64 = 0.5;
 
 /// Looks at all sensors of a run; what is broken becomes missing.
 pub(super) fn broken(entry: &RunEntry, r: &mut Recording) -> Vec<SetAside> {
@@ -122,7 +122,7 @@ pub(super) fn broken(entry: &RunEntry, r: &mut Recording) -> Vec<SetAside> {
     out
 }
 
-fn free(protocol: Protocol) -> bool {
+pub(super) fn free(protocol: Protocol) -> bool {
     matches!(protocol, Protocol::ConstantFlow | Protocol::SquareWave | Protocol::RandomSteps)
 }
 
@@ -131,7 +131,7 @@ fn driven(r: &Recording) -> impl Fn(usize) -> bool + '_ {
     |i| r.brake_open[i] && !r.bypass_open[i]
 }
 
-fn values_mut(r: &mut Recording, channel: Sensor) -> &mut [f64] {
+pub(super) fn values_mut(r: &mut Recording, channel: Sensor) -> &mut [f64] {
     match channel {
         Sensor::Angle => &mut r.angle_deg,
         Sensor::Pressure1 => &mut r.pressure1_bar,
@@ -281,141 +281,6 @@ fn stuck(entry: &RunEntry, r: &mut Recording) -> Vec<SetAside> {
     out
 }
 
-fn missing(values: &[f64]) -> f64 {
+pub(super) fn missing(values: &[f64]) -> f64 {
     values.iter().filter(|v| !v.is_finite()).count() as f64 / values.len().max(1) as f64
-}
-
-/// Plateaus at the extreme value that the signal runs into at full speed.
-fn saturated(entry: &RunEntry, r: &mut Recording) -> Vec<SetAside> {
-    let channels: &[Sensor] = match entry.protocol {
-        Protocol::PumpMap => &[],
-        Protocol::ClampSteps => &[Sensor::Pressure1, Sensor::Torque],
-        // a lever that is led stops where it is held
-        Protocol::TorqueMap | Protocol::VolumeMap => &[Sensor::Pressure1, Sensor::Pressure2, Sensor::Torque],
-        _ => &[Sensor::Angle, Sensor::Pressure1, Sensor::Pressure2],
-    };
-    let mut out = Vec::new();
-    for &channel in channels {
-        let values = channel.of(r);
-        let (white, coarse) = (white_std(values).unwrap_or(0.0), step(values));
-        // a coarse encoder stands still at a stop of the lever, too, unless its noise shows that it sees; steps alone look like 0.3
-        if channel == Sensor::Angle && white < 0.5 * coarse {
-            continue;
-        }
-        let noise = white.max(coarse);
-        let long = if coarse == 0.0 {
-            PLATEAU
-        } else if white >= 0.5 * coarse {
-            DITHERED
-        } else {
-            usize::MAX
-        };
-        for (side, word) in [(1.0, "above"), (-1.0, "below")] {
-            let rows = clipped(channel.of(r), side, noise, long);
-            if rows.is_empty() {
-                continue;
-            }
-            let value = channel.of(r)[rows[0]];
-            let count = rows.len();
-            let target = values_mut(r, channel);
-            rows.into_iter().for_each(|i| target[i] = f64::NAN);
-            let share = missing(channel.of(r));
-            out.push(SetAside {
-                file: entry.file.clone(),
-                fault: Fault::Saturated,
-                channels: vec![channel],
-                why: format!(
-                    "expected values {word} {value:.4} where it stops dead at that value, got {count} samples of exactly {value:.4}, its extreme"
-                ),
-                whole_run: free(entry.protocol) && share > TOO_MUCH,
-            });
-        }
-    }
-    out
-}
-
-/// A plateau has this many rows at least.
-const PLATEAU: usize = 5;
-/// So many equal values of a sensor whose noise dithers its steps are no chance: at its largest value it is in the tail of the noise.
-const DITHERED: usize = 30;
-/// The way into a plateau is judged over twice this many noises.
-const REACH: f64 = 10.0;
-/// The second half of that way may take this many times as long as the first: 1 for a signal that is cut off, 1.9 for one that turns
-/// smoothly within one step of the sensor, more for one that comes to rest.
-const SLOWER: f64 = 1.5;
-/// By so many noises the signal would have gone on in half of the plateau; a sharp turn stands for a step or two.
-const BEYOND: f64 = 8.0;
-
-/// Rows of the plateaus at the largest (`side` = 1) or smallest (-1) value, where there are at least two, and they are `long`, or the
-/// signal runs into them with a slope that does not end there.
-fn clipped(values: &[f64], side: f64, noise: f64, long: usize) -> Vec<usize> {
-    let extreme = values.iter().filter(|v| v.is_finite()).fold(f64::NEG_INFINITY, |m, v| m.max(side * v));
-    let at = |i: usize| values[i].is_finite() && side * values[i] == extreme;
-    let mut plateaus: Vec<(usize, usize)> = Vec::new();
-    let mut i = 0;
-    while i < values.len() {
-        let end = (i..values.len()).find(|&j| !at(j)).unwrap_or(values.len());
-        if end - i >= PLATEAU {
-            plateaus.push((i, end));
-        }
-        i = end.max(i + 1);
-    }
-    let runs_on = |&(first, end): &(usize, usize)| {
-        if end - first >= long {
-            return true;
-        }
-        let below = |levels: f64, from: usize| {
-            (0..from).rev().find(|&i| values[i].is_finite() && extreme - side * values[i] > levels * REACH * noise)
-        };
-        let Some(near) = below(1.0, first) else { return false };
-        let Some(far) = below(2.0, near) else { return false };
-        let (before, behind) = ((near - far) as f64, (first - near) as f64);
-        let beyond = REACH / before * (end - first) as f64 / 2.0;
-        behind + before >= 3.0 && behind <= SLOWER * before && beyond >= BEYOND
-    };
-    let hits = plateaus.iter().filter(|p| runs_on(p)).count();
-    if hits < 2 || hits * 2 < plateaus.len() {
-        return Vec::new();
-    }
-    // every sample at that value, also those that the noise let dip below it in between
-    (0..values.len()).filter(|&i| at(i)).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use rand::{Rng, SeedableRng};
-
-    fn wave(rows: usize, noise: f64, coarse: f64) -> Vec<f64> {
-        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(4);
-        (0..rows)
-            .map(|i| {
-                let y = 3.0 + 1.5 * (i as f64 * 0.01).sin() + noise * (rng.random::<f64>() - 0.5) * 3.4;
-                if coarse > 0.0 { (y / coarse).round() * coarse } else { y }
-            })
-            .collect()
-    }
-
-    #[test]
-    fn a_clipped_wave_is_found_and_a_smooth_one_is_not_whatever_its_steps() {
-        for (noise, coarse) in [(0.006, 0.0), (0.006, 0.02), (0.0, 0.02), (0.0, 0.1), (0.02, 0.005)] {
-            let values = wave(20_000, noise, coarse);
-            assert!(clipped(&values, 1.0, noise.max(coarse), usize::MAX).is_empty(), "{noise} {coarse}");
-            let cut: Vec<f64> = values.iter().map(|v| v.min(4.0)).collect();
-            assert!(clipped(&cut, 1.0, noise.max(coarse), usize::MAX).len() > 3000, "{noise} {coarse}");
-            assert!(clipped(&cut, -1.0, noise.max(coarse), usize::MAX).is_empty(), "{noise} {coarse}");
-        }
-    }
-
-    #[test]
-    fn noise_free_rests_at_the_extreme_are_not_clipped() {
-        // a pump that holds its pressure: it comes near slowly
-        let values: Vec<f64> = (0..20_000)
-            .map(|i| {
-                let t = (i % 4000) as f64 * 1e-3;
-                ((3.0 + (1.0 - (-t * 3.0).exp())) / 0.02).round() * 0.02
-            })
-            .collect();
-        assert!(clipped(&values, 1.0, 0.02, usize::MAX).is_empty());
-    }
 }
