@@ -18,6 +18,7 @@ mod work;
 
 use recordings::{Campaign, Recording, Role};
 
+use saturation::Reach;
 pub use sensors::{Fault, Sensor, SetAside};
 
 /// A recording that can't be what its columns say.
@@ -44,8 +45,10 @@ pub struct Implausible {
 pub fn examine(campaign: &mut Campaign, recordings: &mut Vec<Recording>) -> Result<Vec<SetAside>, Implausible> {
     let mut found = Vec::new();
     let mut lost = vec![false; recordings.len()];
+    let reaches: Vec<Reach> = recordings.iter().map(|r| Reach::of(&r.angle_deg)).collect();
     for (n, (entry, recording)) in campaign.runs.iter().zip(recordings.iter_mut()).enumerate() {
-        let own = sensors::broken(entry, recording);
+        let others = reaches.iter().enumerate().filter(|(other, _)| *other != n).map(|(_, reach)| *reach);
+        let own = sensors::broken(entry, recording, others.fold(Reach::NONE, Reach::with));
         lost[n] = own.iter().any(|s| s.whole_run);
         found.extend(own);
     }

@@ -5,8 +5,40 @@ use recordings::{Protocol, Recording, RunEntry};
 use super::sensors::{Fault, Sensor, SetAside, TOO_MUCH, free, missing, values_mut};
 use crate::noise::{step, white_std};
 
-/// Plateaus at the extreme value that the signal runs into at full speed.
-pub(super) fn saturated(entry: &RunEntry, r: &mut Recording) -> Vec<SetAside> {
+/// Smallest and largest value of a channel.
+#[derive(Clone, Copy)]
+pub(super) struct Reach {
+    low: f64,
+    high: f64,
+}
+
+impl Reach {
+    /// Of no value.
+    pub const NONE: Reach = Reach { low: f64::INFINITY, high: f64::NEG_INFINITY };
+
+    /// Missing values are passed over.
+    pub fn of(values: &[f64]) -> Reach {
+        let known = values.iter().copied().filter(|v| v.is_finite());
+        known.fold(Reach::NONE, |reach, v| reach.with(Reach { low: v, high: v }))
+    }
+
+    /// Of both.
+    pub fn with(self, other: Reach) -> Reach {
+        Reach { low: self.low.min(other.low), high: self.high.max(other.high) }
+    }
+
+    /// It goes on clearly where the other one ends, at the largest (`side` = 1) or smallest (-1) value; `step`: of the sensor.
+    fn goes_beyond(self, other: Reach, side: f64, step: f64) -> bool {
+        let beyond = if side > 0.0 { self.high - other.high } else { other.low - self.low };
+        beyond > (2.0 * REACH * step).max(FURTHER * (other.high - other.low))
+    }
+}
+
+/// Share of a run's range by which other runs go beyond it where its lever did not end at a stop.
+const FURTHER: f64 = 0.1;
+
+/// Plateaus at the extreme value that the signal runs into at full speed. `lever_deg`: where the lever was in other runs.
+pub(super) fn saturated(entry: &RunEntry, r: &mut Recording, lever_deg: Reach) -> Vec<SetAside> {
     let channels: &[Sensor] = match entry.protocol {
         Protocol::PumpMap => &[],
         Protocol::ClampSteps => &[Sensor::Pressure1, Sensor::Torque],
@@ -18,10 +50,9 @@ pub(super) fn saturated(entry: &RunEntry, r: &mut Recording) -> Vec<SetAside> {
     for &channel in channels {
         let values = channel.of(r);
         let (white, coarse) = (white_std(&within(values)).unwrap_or(0.0), step(values));
-        // a coarse encoder stands still at a stop of the lever, too, unless its noise shows that it sees; steps alone look like 0.3
-        if channel == Sensor::Angle && white < 0.5 * coarse {
-            continue;
-        }
+        // a coarse encoder stands still at a stop of the lever, too, unless its noise shows that it sees (steps alone look like 0.3), or other runs went on there
+        let blind = channel == Sensor::Angle && white < 0.5 * coarse;
+        let own = Reach::of(values);
         let noise = white.max(coarse);
         let long = if coarse == 0.0 {
             PLATEAU
@@ -31,6 +62,9 @@ pub(super) fn saturated(entry: &RunEntry, r: &mut Recording) -> Vec<SetAside> {
             usize::MAX
         };
         for (side, word) in [(1.0, "above"), (-1.0, "below")] {
+            if blind && !lever_deg.goes_beyond(own, side, coarse) {
+                continue;
+            }
             let rows = clipped(channel.of(r), side, noise, long);
             if rows.is_empty() {
                 continue;
@@ -56,8 +90,7 @@ pub(super) fn saturated(entry: &RunEntry, r: &mut Recording) -> Vec<SetAside> {
 
 /// The values with those at either extreme missing: noise shows beside them alone, where a sensor is saturated most of the time.
 fn within(values: &[f64]) -> Vec<f64> {
-    let known = || values.iter().copied().filter(|v| v.is_finite());
-    let (low, high) = known().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+    let Reach { low, high } = Reach::of(values);
     values.iter().map(|&v| if v > low && v < high { v } else { f64::NAN }).collect()
 }
 
@@ -132,6 +165,16 @@ mod tests {
             assert!(clipped(&cut, 1.0, noise.max(coarse), usize::MAX).len() > 3000, "{noise} {coarse}");
             assert!(clipped(&cut, -1.0, noise.max(coarse), usize::MAX).is_empty(), "{noise} {coarse}");
         }
+    }
+
+    #[test]
+    fn where_other_runs_end_a_little_further_on_is_a_stop_that_gives_way() {
+        let (own, step) = (Reach::of(&[-20.0, f64::NAN, 20.0]), 0.05);
+        assert!(!Reach::of(&[-22.0, 22.0]).goes_beyond(own, 1.0, step));
+        assert!(Reach::of(&[-22.0, 28.0]).goes_beyond(own, 1.0, step));
+        assert!(!Reach::of(&[-22.0, 28.0]).goes_beyond(own, -1.0, step));
+        assert!(Reach::of(&[-28.0]).goes_beyond(own, -1.0, step));
+        assert!(!Reach::NONE.goes_beyond(own, 1.0, step), "the only run");
     }
 
     #[test]

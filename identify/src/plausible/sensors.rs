@@ -13,7 +13,7 @@
 
 use recordings::{Protocol, Recording, RunEntry};
 
-use super::saturation::saturated;
+use super::saturation::{Reach, saturated};
 use super::series::{Motion, longest_constant};
 use crate::prepare::segments;
 
@@ -107,8 +107,8 @@ const STUCK_CHANGES: usize = 2;
 /// Share of missing rows from which a run is of no use.
 pub(super) const TOO_MUCH: f64 = 0.5;
 
-/// Looks at all sensors of a run; what is broken becomes missing.
-pub(super) fn broken(entry: &RunEntry, r: &mut Recording) -> Vec<SetAside> {
+/// Looks at all sensors of a run; what is broken becomes missing. `lever_deg`: where the lever was in other runs.
+pub(super) fn broken(entry: &RunEntry, r: &mut Recording, lever_deg: Reach) -> Vec<SetAside> {
     let mut out = dead(entry, r);
     if out.iter().any(|s| s.whole_run) {
         return out;
@@ -117,8 +117,9 @@ pub(super) fn broken(entry: &RunEntry, r: &mut Recording) -> Vec<SetAside> {
     if out.iter().any(|s| s.whole_run) {
         return out;
     }
+    // a long stay at the end of a sensor's range is not one that is stuck there
+    out.extend(saturated(entry, r, lever_deg));
     out.extend(stuck(entry, r));
-    out.extend(saturated(entry, r));
     out
 }
 
