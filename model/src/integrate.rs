@@ -139,8 +139,8 @@ impl Integrator {
         Integrator::new(h.max(longest_s / 10.0))
     }
 
-    /// With a quarter of the step while the lever moves slower than the losses' threshold: there a step of 1 ms is half of the losses'
-    /// time constant, and nearly all of the error comes from it.
+    /// With a quarter of the step while the lever moves slower than the losses' threshold, unless its velocity stays as it is: there a step of 1 ms is
+    /// half of the losses' time constant, and nearly all of the error comes from what dies out.
     pub fn resolving_creep(self) -> Self {
         Integrator { creeping_s: 0.25 * self.longest_s, ..self }
     }
@@ -252,7 +252,7 @@ impl Integrator {
             let mut left = h;
             let mut splits = 0;
             loop {
-                let reach = if plant.creeps(&now) { left.min(self.creeping_s) } else { left };
+                let reach = if plant.creeps(&now, left) { left.min(self.creeping_s) } else { left };
                 let (length, next) = if splits < MOST_SPLITS {
                     plant.smooth_piece(&now, reach)
                 } else {

@@ -8,12 +8,13 @@ use crate::near::Exact;
 use crate::port::PortKind;
 use crate::rec::{self, Input, Lever};
 use crate::scalar::{LANES, Scalar, Tangent};
+use crate::step::rests;
 
 /// Derivatives of the states with respect to chosen parameters, carried along a simulated trajectory.
 ///
 /// The variational equation S' = A S + B is taken at the middle of a step, with A and B from dual numbers, and advanced by
 /// its exponential: second order in the step, stable where the plant is. A and B change as slowly as the state does between kinks,
-/// so two steps in a row on one branch under one input share those of their middle, four where the lever is led. Effects
+/// so two steps in a row on one branch under one input share those of their middle, four where the lever is led or rests. Effects
 /// on the oil keep that to two; those that push the lever may have kinks of their own, which nobody tells.
 pub struct Sensitivity {
     states: usize,
@@ -86,16 +87,21 @@ impl Sensitivity {
             s.branches == branches && t < s.until_s && (s.dt - dt).abs() < 1e-9 * dt && alike(&s.input, input)
         });
         if !kept {
+            let slope = seeds.slope(input, t, middle);
             let steps = match input.lever {
                 // near zero velocity the losses are fast, and the steps short
-                _ if rec::creeps(input, branches) => (CREEP_S / dt + 1e-6).floor().clamp(1.0, 4.0),
-                Lever::Free => 2.0,
-                Lever::Led { .. } | Lever::Carried => 4.0,
+                _ if rec::creeps(input, branches) && !rests(&seeds.values, &slope, dt) => {
+                    (CREEP_S / dt + 1e-6).floor().clamp(1.0, 4.0)
+                }
+                Lever::Free if !rec::creeps(input, branches) => 2.0,
+                Lever::Free | Lever::Led { .. } | Lever::Carried => 4.0,
             };
             let steps = f64::min(steps, seeds.most_steps());
             let ahead_s = 0.5 * (steps - 1.0) * dt;
             let n = middle.len();
-            let ahead = (steps > 1.0).then(|| seeds.ahead(input, t, ahead_s, middle));
+            let ahead: [f64; MOST_STATES] =
+                std::array::from_fn(|i| if i < n { middle[i] + ahead_s * slope[i] } else { 0.0 });
+            let ahead = (steps > 1.0).then_some(ahead);
             match ahead.filter(|x| seeds.branches(input, t, &x[..n]) == branches) {
                 Some(x) => self.linearise(seeds, input, t + ahead_s, dt, &x[..n]),
                 None => self.linearise(seeds, input, t, dt, middle),
@@ -264,15 +270,11 @@ impl Seeds {
         }
     }
 
-    /// The state that the plant goes on to within `ahead_s`, by its slope.
-    fn ahead(&self, input: &Input, t: f64, ahead_s: f64, x: &[f64]) -> [f64; MOST_STATES] {
+    /// The derivative of the states.
+    fn slope(&self, input: &Input, t: f64, x: &[f64]) -> [f64; MOST_STATES] {
         let mut dx = [0.0; MOST_STATES];
         rec::derivative(input, &self.values, &self.with_effects, t, x, &mut dx[..x.len()]);
-        let mut out = [0.0; MOST_STATES];
-        for i in 0..x.len() {
-            out[i] = x[i] + ahead_s * dx[i];
-        }
-        out
+        dx
     }
 
     /// Over how many steps A and B may be shared.

@@ -2,12 +2,22 @@
 
 use crate::effects::EffectSet;
 use crate::near::Near;
-use crate::rec::{self, Input};
+use crate::parameters::index::A;
+use crate::rec::{self, Input, state};
 
 /// Halvings by which a kink is located within a step.
 const HALVINGS: usize = 10;
 /// A part ends this share of its step beyond the kink: the cubic is not the solution.
 const BEYOND: f64 = 1.0 / 1024.0;
+
+/// A lever that creeps rests if its velocity changes by less than this share of the losses' threshold:
+const RESTS: f64 = 1e-3;
+
+/// within `h` seconds, with this slope of the states; it follows what drives it, and nothing dies out.
+#[inline(always)]
+pub(crate) fn rests(k: &[f64], slope: &[f64], h: f64) -> bool {
+    slope[state::VELOCITY].abs() * h < RESTS * k[A]
+}
 
 /// States in a fixed number of lanes; those beyond the plant's states stay 0.
 pub(crate) type Lanes<const N: usize> = [f64; N];
@@ -54,10 +64,10 @@ impl<'a, const N: usize> Plant<'a, N> {
         }
     }
 
-    /// The lever is free and slower than the losses' threshold.
+    /// The lever creeps, and its velocity changes within `h` seconds, or may.
     #[inline(always)]
-    pub fn creeps(&self, now: &At<N>) -> bool {
-        rec::creeps(self.input, now.branches)
+    pub fn creeps(&self, now: &At<N>, h: f64) -> bool {
+        rec::creeps(self.input, now.branches) && !(self.effects.let_the_lever_rest() && rests(self.k, &now.dx, h))
     }
 
     /// `x` at `t`, with its derivative.

@@ -44,6 +44,43 @@ fn a_step_ends_where_the_losses_change_their_branch() {
 }
 
 #[test]
+fn a_lever_at_rest_takes_whole_steps_and_one_that_comes_to_rest_quarters() {
+    let k = Parameters::example().to_vector();
+    let resolving = || Integrator::new(PERIOD_S).resolving_creep();
+    let pieces = |velocity_rad_s: f64, dp_bar: f64| {
+        let (mut x, mut pieces) = ([0.0, velocity_rad_s, 3.0 + dp_bar, 3.0, 0.0], 0);
+        let advanced =
+            resolving().advance_by_pieces(&input(0.0), &k, &EffectSet::none(), 0.0, PERIOD_S, &mut x, |_, _, _| {
+                pieces += 1;
+            });
+        advanced.expect("in range");
+        pieces
+    };
+    assert_eq!(pieces(0.0, 0.0), 1, "nothing moves");
+    assert_eq!(pieces(0.5 * k[A], 0.0), 4, "the losses brake it");
+    assert_eq!(pieces(0.0, 0.2), 4, "the pressures set it in motion");
+
+    // strokes with rests between them, the brake closed in every other one
+    let at = |i: usize| match i / 400 % 4 {
+        0 => input(18.0),
+        2 => input(-18.0),
+        n => Input { brake_open: n == 1, ..input(0.0) },
+    };
+    let (mut coarse, mut fine, mut steps) = (MIDDLE, MIDDLE, 0);
+    for i in 0..4800 {
+        let t = i as f64 * PERIOD_S;
+        let by_pieces =
+            resolving()
+                .advance_by_pieces(&at(i), &k, &EffectSet::none(), t, PERIOD_S, &mut coarse, |_, _, _| steps += 1);
+        by_pieces.expect("in range");
+        Integrator::new(0.05e-3).advance(&at(i), &k, &EffectSet::none(), t, PERIOD_S, &mut fine).expect("in range");
+        assert!((coarse[ANGLE] - fine[ANGLE]).abs() < 1e-6, "{t} s: {coarse:?} and {fine:?}");
+        assert!((coarse[PRESSURE1] - fine[PRESSURE1]).abs() < 3e-4, "{t} s: {coarse:?} and {fine:?}");
+    }
+    assert!(steps < 4800 * 3 / 2, "{steps} steps in 4800 ms, half of which the lever is at rest");
+}
+
+#[test]
 fn two_kinks_at_one_instant_are_found() {
     // From rest at equal pressures the lagging pump leaves its dead zone, and only then the pressures part.
     for volts in [-13.84, -6.0, 5.84, 8.35, 24.0] {

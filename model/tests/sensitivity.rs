@@ -18,14 +18,19 @@ const MEASURED: [usize; 3] = [ANGLE, PRESSURE1, PRESSURE2];
 /// millisecond, which the losses' time constant of 1.5 ms near rest feels.
 const MOST_ERROR: f64 = 0.05;
 
-/// Half periods of 0.5 s, the brake closed for a moment in the second, the bypass open in the fourth.
+/// Half periods of 0.5 s, the brake closed for a moment in the second, the bypass open in the fourth, the pump at rest in the fifth.
 fn wave(t: f64) -> Input {
     let half = (t / 0.5 + 1e-9) as usize;
+    let voltage_v = match half {
+        4 => 0.0,
+        _ if half.is_multiple_of(2) => 21.6,
+        _ => -21.6,
+    };
     Input {
         brake_open: !(0.8..0.9).contains(&t),
         bypass_open: (1.6..1.7).contains(&t),
         vertical: true,
-        ..input(if half.is_multiple_of(2) { 21.6 } else { -21.6 })
+        ..input(voltage_v)
     }
 }
 
@@ -86,11 +91,12 @@ fn errors(k: &[f64], effect: Option<(&'static dyn Effect, &[f64])>) -> Vec<f64> 
             }
         }
     });
-    let integrator = Integrator::new(0.25e-3);
     let effects = set(&own);
     let mut x = MIDDLE.to_vec();
     x.resize(n, 0.0);
     rec::rest_states(&wave(0.0), k, &effects, &mut x);
+    // as identification does it
+    let integrator = Integrator::for_plant(STEP_S, k, &effects, &[wave(0.0)], &x).resolving_creep();
     let mut carried = Vec::with_capacity(STEPS);
     for i in 0..STEPS {
         let t = i as f64 * STEP_S;

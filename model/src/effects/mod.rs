@@ -326,6 +326,12 @@ impl<S: Scalar> EffectSet<S> {
         self.ports & (1 << port as u8) != 0
     }
 
+    /// The losses alone say how fast a lever at rest may be set in motion. Effects that push it have velocities and kinks of their own, and so has what moves
+    /// between it and the oil (a play that closes).
+    pub fn let_the_lever_rest(&self) -> bool {
+        !self.touches(PortKind::Mechanical) && !(self.touches(PortKind::Hydraulic) && self.states > 0)
+    }
+
     /// Lets every effect of this port act, in the order of the set.
     pub fn act(&self, x: &[S], dx: &mut [S], mut port: Port<'_, S>) {
         let bit = 1 << port.kind() as u8;
