@@ -2,15 +2,18 @@
 //! like an effect that the model lacks.
 
 use model::Parameters;
+use model::integrate::SimulationError;
 
-use crate::fit::{Effort, Fit, fit};
+use crate::fit::{Effort, FAR, Fit, fit};
 use crate::problem::Problem;
 
 /// The first seconds of each run that a fit is led over: a short horizon has few false minima.
 const HORIZONS_S: [f64; 2] = [8.0, 40.0];
 /// What leaves so many times what the other fit leaves there, although only that horizon was fitted, is on its way to a higher minimum.
 const BEHIND: f64 = 2.0;
-const LEAD: Effort = Effort { iterations: 12, tolerance: 1e-4, promise: f64::INFINITY, creep: 0.0, ahead: false };
+/// Where both are far from the noise the model lacks something, and a minimum that is hardly lower, by a share of what the other one leaves, is not worth its way.
+const LOWER: f64 = 0.9;
+const LEAD: Effort = Effort { iterations: 12, tolerance: 1e-4, promise: f64::INFINITY, creep: 0.01, ahead: false };
 
 /// The better of two fits of one model: as it is, and once more from `afar`, base values that no effect has bent, over longer and longer horizons. What an
 /// effect gains must not be what another start would have gained without it. A way that falls behind on a short horizon is not gone to its end.
@@ -19,18 +22,30 @@ pub fn left_behind(problem: &Problem, reached: Fit, afar: &[f64]) -> Fit {
     for seconds in HORIZONS_S {
         let horizon = problem.shortened(seconds);
         let Ok(led) = fit(&horizon, &reached.layout, horizon.point(theta), LEAD) else { return reached };
-        if led.cost > BEHIND * horizon.cost(&reached.layout, &reached.point) {
+        let far = led.cost > FAR * horizon.targets() as f64;
+        if led.cost > if far { LOWER } else { BEHIND } * horizon.cost(&reached.layout, &reached.point) {
             return reached;
         }
         theta = led.point.theta;
     }
-    match fit(problem, &reached.layout, problem.point(theta), LEAD) {
+    match on_the_whole(problem, &reached, theta) {
         Ok(led) if led.cost < reached.cost => {
             tracing::info!(from = reached.cost, to = led.cost, "the fit was in a false minimum");
             led
         }
         _ => reached,
     }
+}
+
+/// The same model fitted to the whole runs from `theta` on: to its minimum, unless that is far from the noise and a few steps lead to nothing lower than where
+/// it was `reached`.
+fn on_the_whole(problem: &Problem, reached: &Fit, theta: Vec<f64>) -> Result<Fit, SimulationError> {
+    let few = fit(problem, &reached.layout, problem.point(theta), Effort { iterations: 4, ..LEAD })?;
+    let far = few.cost > FAR * problem.targets() as f64;
+    if few.converged || (far && few.cost > LOWER * reached.cost) {
+        return Ok(few);
+    }
+    fit(problem, &few.layout, few.point, LEAD)
 }
 
 /// The losses' branches take the place of a friction that the model lacks, and hardly find back from there. Where a fit starts from afar they start as plain

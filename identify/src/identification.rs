@@ -181,8 +181,11 @@ pub fn identify_as(loaded: &Loaded, form: TorqueForm, progress: &dyn Fn(&str)) -
     }
     // a gross misfit bends the parameters whatever is done: no use in polishing them
     let gross = first.cost > 10.0 * problem.targets() as f64;
-    let polish =
-        if gross { Effort { iterations: 12, tolerance: 1e-3, promise: f64::INFINITY, ..polish() } } else { polish() };
+    let polish = if gross {
+        Effort { iterations: 12, tolerance: 1e-3, promise: f64::INFINITY, creep: 0.01, ..polish() }
+    } else {
+        polish()
+    };
     let (last, at_end) = fit_from(&problem, &layout, start, polish, known).map_err(simulation("the identify runs"))?;
     progress("joint fit in free run, final pass");
     let (fit, by_eq2) = match form {

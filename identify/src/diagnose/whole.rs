@@ -151,7 +151,7 @@ mod tests {
         let brief = fit(&search.brief, &layout.with(friction), point, Effort::default()).unwrap();
         let seated = search.seated(&found, &bent, &brief, &without).unwrap().unwrap();
         let targets = |problem: &Problem| 1.1 * problem.targets() as f64;
-        assert!(brief.cost > 10.0 * targets(&search.brief), "a free run finds it as well: {}", brief.cost);
+        assert!(brief.cost > 3.0 * targets(&search.brief), "a free run finds it as well: {}", brief.cost);
         assert!(seated.fit.cost < targets(&problem), "{}", seated.fit.cost);
         assert!(seated.brief.is_some_and(|led| led.cost < targets(&search.brief)));
     }
