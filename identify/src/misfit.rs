@@ -122,8 +122,16 @@ pub fn cost(parts: &[Part]) -> f64 {
 /// # Errors
 /// The model can't be simulated there.
 pub fn left_by(problem: &Problem, fit: &Fit) -> Result<f64, SimulationError> {
+    parts_left_by(problem, fit).map(|parts| largest(&parts))
+}
+
+/// The [`parts`] of what a fit leaves of this problem, the noise's colour estimated beside it.
+///
+/// # Errors
+/// The model can't be simulated there.
+pub fn parts_left_by(problem: &Problem, fit: &Fit) -> Result<Vec<Part>, SimulationError> {
     let residuals = problem.residuals(&fit.layout, &fit.point)?;
-    Ok(largest(&parts(problem, &residuals, &colours(problem, &residuals))))
+    Ok(parts(problem, &residuals, &colours(problem, &residuals)))
 }
 
 fn weighted(part: &Part) -> f64 {

@@ -90,7 +90,7 @@ pub(super) fn refit_all(
     out.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
     let gain = before - out.first().map_or(before, |r| r.fit.cost.min(beside));
     for r in out.iter_mut().take(SHAPED).filter(|r| before - r.fit.cost > HALF * gain) {
-        if !is_noise(problem, &r.fit) {
+        if a_form_may_tell(problem, &r.fit) {
             r.fit = forms::refined(problem, r.fit.clone(), &r.added, GENERAL.effort(), forms::CLEARLY);
         }
         if r.led.is_none() && !is_noise(problem, &r.fit) {
@@ -125,6 +125,12 @@ pub(super) const GENERAL: Heat = Heat { iterations: 15, ..HEATS[3] };
 /// A fit leaves nothing that matters.
 fn is_noise(problem: &Problem, fit: &Fit) -> bool {
     misfit::left_by(problem, fit).is_ok_and(|left| left < MATERIAL)
+}
+
+/// A general form may take away what [`forms::CLEARLY`] asks of it: that much of the cost, or more, is structured.
+fn a_form_may_tell(problem: &Problem, fit: &Fit) -> bool {
+    let left = misfit::parts_left_by(problem, fit);
+    left.is_ok_and(|left| misfit::largest(&left) >= MATERIAL && misfit::cost(&left) > (1.0 - forms::CLEARLY) * fit.cost)
 }
 
 /// A heat of [`refit_all`].
@@ -162,7 +168,7 @@ pub(super) fn guided(problem: &Problem, current: &Fit, component: &[f64]) -> Opt
 
 /// A model fitted to the brief runs, from its fit to the whole ones on.
 pub(super) fn nested_on(brief: &Problem, fit: &Fit) -> Result<Fit, SimulationError> {
-    let effort = Effort { iterations: 12, tolerance: 1e-6, ..Effort::default() };
+    let effort = Effort { iterations: 12, tolerance: 1e-6, creep: CREEP, ..Effort::default() };
     crate::fit::fit(brief, &fit.layout, fit.point.clone(), effort)
 }
 
