@@ -65,6 +65,28 @@ pub fn with_plain_losses(component: Parameters) -> Parameters {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::common::{dynamic, layout, problem};
+
+    #[test]
+    fn far_from_the_noise_a_minimum_that_is_no_lower_is_left_and_a_lower_one_is_taken() {
+        let truth = Parameters::example();
+        let late = model::effects::find("pump_lag").unwrap();
+        let runs = [7, 8].map(|seed| dynamic(&truth, Some((late, vec![0.08])), 12.0, seed));
+        let (problem, layout) = (problem(&runs), layout(&truth));
+        let afar = layout.vector_of(&with_plain_losses(truth));
+        let reached = fit(&problem, &layout, problem.point(layout.vector_of(&truth)), Effort::default()).unwrap();
+        assert!(reached.cost > 2.0 * FAR * problem.targets() as f64, "a misfit of {}", reached.cost);
+        let led = left_behind(&problem, reached.clone(), &afar);
+        assert!(led.cost <= reached.cost && led.cost > LOWER * reached.cost, "{} of {}", led.cost, reached.cost);
+
+        let mut astray = truth;
+        astray.losses.l2 *= 3.0;
+        let point = problem.point(layout.vector_of(&astray));
+        let stuck = Fit { cost: problem.cost(&layout, &point), point, ..reached.clone() };
+        assert!(stuck.cost > 3.0 * reached.cost, "{} beside {}", stuck.cost, reached.cost);
+        let led = left_behind(&problem, stuck, &afar);
+        assert!(led.cost < 1.2 * reached.cost, "{} beside {}", led.cost, reached.cost);
+    }
 
     #[test]
     fn plain_losses_are_coulomb_friction_below_what_was_seen() {

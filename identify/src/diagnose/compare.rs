@@ -303,6 +303,23 @@ mod tests {
         assert!(!is(1000.0, 25.0) && !is(11.0, 1.5) && !is(1.0, 0.9));
     }
 
+    #[test]
+    fn a_form_is_asked_for_where_more_than_its_share_is_left() {
+        let truth = model::Parameters::example();
+        let plain = model::effects::find("pump_lag").unwrap();
+        let asked = |effect: &'static dyn Effect, values: &[f64]| {
+            let problem =
+                crate::common::problem(&[crate::common::dynamic(&truth, Some((effect, values.to_vec())), 20.0, 51)]);
+            let layout = crate::common::layout(&truth);
+            let mut point = problem.point(layout.vector_of(&truth));
+            point.theta.push(0.01);
+            let found = crate::fit::fit(&problem, &layout.with(plain), point, Effort::default()).unwrap();
+            a_form_may_tell(&problem, &found)
+        };
+        assert!(asked(plain.refined().unwrap().effect, &[0.014, 0.6, 0.15]), "a pump that ramps");
+        assert!(!asked(plain, &[0.02]), "one that is late by the library's law");
+    }
+
     /// Which of these effects are refitted, in this order, on runs of a rig whose pump is late by so much.
     fn refitted(tau_s: f64, ids: &[&str], gross: bool) -> Vec<&'static str> {
         let truth = model::Parameters::example();
