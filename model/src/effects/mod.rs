@@ -329,7 +329,8 @@ impl<S: Scalar> EffectSet<S> {
     /// The losses alone say how fast a lever at rest may be set in motion. Effects that push it have velocities and kinks of their own, and so has what moves
     /// between it and the oil (a play that closes).
     pub fn let_the_lever_rest(&self) -> bool {
-        !self.touches(PortKind::Mechanical) && !(self.touches(PortKind::Hydraulic) && self.states > 0)
+        let between = self.touches(PortKind::Hydraulic) && self.states > 0;
+        !(between || self.touches(PortKind::Mechanical))
     }
 
     /// Lets every effect of this port act, in the order of the set.
