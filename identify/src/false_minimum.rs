@@ -13,7 +13,11 @@ const HORIZONS_S: [f64; 2] = [8.0, 40.0];
 const BEHIND: f64 = 2.0;
 /// Where both are far from the noise the model lacks something, and a minimum that is hardly lower, by a share of what the other one leaves, is not worth its way.
 const LOWER: f64 = 0.9;
-const LEAD: Effort = Effort { iterations: 12, tolerance: 1e-4, promise: f64::INFINITY, creep: 0.01, ahead: false };
+const LEAD: Effort = Effort { iterations: 12, tolerance: 1e-4, promise: f64::INFINITY, creep: CREEP, ahead: false };
+/// Share of the cost: a fit of the reference model far from the noise that gains less in each of several steps is given up there.
+pub(crate) const CREEP: f64 = 0.01;
+/// Steps on the whole runs that tell whether the way leads lower.
+const FEW: Effort = Effort { iterations: 4, ..LEAD };
 
 /// The better of two fits of one model: as it is, and once more from `afar`, base values that no effect has bent, over longer and longer horizons. What an
 /// effect gains must not be what another start would have gained without it. A way that falls behind on a short horizon is not gone to its end.
@@ -40,7 +44,7 @@ pub fn left_behind(problem: &Problem, reached: Fit, afar: &[f64]) -> Fit {
 /// The same model fitted to the whole runs from `theta` on: to its minimum, unless that is far from the noise and a few steps lead to nothing lower than where
 /// it was `reached`.
 fn on_the_whole(problem: &Problem, reached: &Fit, theta: Vec<f64>) -> Result<Fit, SimulationError> {
-    let few = fit(problem, &reached.layout, problem.point(theta), Effort { iterations: 4, ..LEAD })?;
+    let few = fit(problem, &reached.layout, problem.point(theta), FEW)?;
     let far = few.cost > FAR * problem.targets() as f64;
     if few.converged || (far && few.cost > LOWER * reached.cost) {
         return Ok(few);
@@ -78,6 +82,16 @@ mod tests {
         assert!(reached.cost > 2.0 * FAR * problem.targets() as f64, "a misfit of {}", reached.cost);
         let led = left_behind(&problem, reached.clone(), &afar);
         assert!(led.cost <= reached.cost && led.cost > LOWER * reached.cost, "{} of {}", led.cost, reached.cost);
+
+        // a little beside its minimum, as a fit is that was given up: not worth the way
+        let at = |n: i32| {
+            let mut point = reached.point.clone();
+            point.theta.iter_mut().for_each(|v| *v *= 1.0002_f64.powi(n));
+            Fit { cost: problem.cost(&layout, &point), point, ..reached.clone() }
+        };
+        let beside = (0..200).map(at).find(|fit| fit.cost > 1.01 * reached.cost).unwrap();
+        assert!(beside.cost < 1.08 * reached.cost, "{} beside {}", beside.cost, reached.cost);
+        assert_eq!(left_behind(&problem, beside.clone(), &afar).cost, beside.cost);
 
         let mut astray = truth;
         astray.losses.l2 *= 3.0;

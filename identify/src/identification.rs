@@ -8,8 +8,8 @@ use model::parameters::{NAMES, index};
 use recordings::{CampaignError, Protocol, Role};
 
 use crate::component::{self, CapacityPoint, LossPoint, PumpPoint, TorquePoint};
-use crate::false_minimum::{left_behind, with_plain_losses};
-use crate::fit::{Effort, Fit, covariance, fit, fit_from};
+use crate::false_minimum::{CREEP, left_behind, with_plain_losses};
+use crate::fit::{Effort, FAR, Fit, covariance, fit, fit_from};
 use crate::layout::Layout;
 pub use crate::loaded::{Loaded, LoadedRun};
 use crate::misfit::{self, MATERIAL};
@@ -180,9 +180,9 @@ pub fn identify_as(loaded: &Loaded, form: TorqueForm, progress: &dyn Fn(&str)) -
         }
     }
     // a gross misfit bends the parameters whatever is done: no use in polishing them
-    let gross = first.cost > 10.0 * problem.targets() as f64;
+    let gross = first.cost > FAR * problem.targets() as f64;
     let polish = if gross {
-        Effort { iterations: 12, tolerance: 1e-3, promise: f64::INFINITY, creep: 0.01, ..polish() }
+        Effort { iterations: 12, tolerance: 1e-3, promise: f64::INFINITY, creep: CREEP, ..polish() }
     } else {
         polish()
     };

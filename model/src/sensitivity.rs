@@ -89,12 +89,11 @@ impl Sensitivity {
         if !kept {
             let slope = seeds.slope(input, t, middle);
             let steps = match input.lever {
-                // near zero velocity the losses are fast, and the steps short
-                _ if rec::creeps(input, branches) && !rests(&seeds.values, &slope, dt) => {
-                    (CREEP_S / dt + 1e-6).floor().clamp(1.0, 4.0)
-                }
+                Lever::Led { .. } | Lever::Carried => 4.0,
                 Lever::Free if !rec::creeps(input, branches) => 2.0,
-                Lever::Free | Lever::Led { .. } | Lever::Carried => 4.0,
+                Lever::Free if rests(&seeds.values, &seeds.with_effects, &slope, dt) => 4.0,
+                // near zero velocity the losses are fast, and the steps short
+                Lever::Free => (CREEP_S / dt + 1e-6).floor().clamp(1.0, 4.0),
             };
             let steps = f64::min(steps, seeds.most_steps());
             let ahead_s = 0.5 * (steps - 1.0) * dt;

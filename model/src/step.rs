@@ -10,13 +10,13 @@ const HALVINGS: usize = 10;
 /// A part ends this share of its step beyond the kink: the cubic is not the solution.
 const BEYOND: f64 = 1.0 / 1024.0;
 
-/// A lever that creeps rests if its velocity changes by less than this share of the losses' threshold:
+/// Share of the losses' threshold by which the velocity of a lever changes that rests.
 const RESTS: f64 = 1e-3;
 
-/// within `h` seconds, with this slope of the states; it follows what drives it, and nothing dies out.
+/// A lever that creeps rests for `h` seconds: with this slope of the states its velocity stays as it is. It follows what drives it, and nothing dies out.
 #[inline(always)]
-pub(crate) fn rests(k: &[f64], slope: &[f64], h: f64) -> bool {
-    slope[state::VELOCITY].abs() * h < RESTS * k[A]
+pub(crate) fn rests(k: &[f64], effects: &EffectSet<f64>, slope: &[f64], h: f64) -> bool {
+    effects.let_the_lever_rest() && slope[state::VELOCITY].abs() * h < RESTS * k[A]
 }
 
 /// States in a fixed number of lanes; those beyond the plant's states stay 0.
@@ -64,10 +64,10 @@ impl<'a, const N: usize> Plant<'a, N> {
         }
     }
 
-    /// The lever creeps, and its velocity changes within `h` seconds, or may.
+    /// The lever creeps, and does not rest for the next `h` seconds.
     #[inline(always)]
     pub fn creeps(&self, now: &At<N>, h: f64) -> bool {
-        rec::creeps(self.input, now.branches) && !(self.effects.let_the_lever_rest() && rests(self.k, &now.dx, h))
+        rec::creeps(self.input, now.branches) && !rests(self.k, self.effects, &now.dx, h)
     }
 
     /// `x` at `t`, with its derivative.
