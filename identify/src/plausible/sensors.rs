@@ -183,8 +183,11 @@ fn dead(entry: &RunEntry, r: &mut Recording) -> Vec<SetAside> {
             continue;
         }
         let shown = crate::noise::mean(channel.of(r).iter().copied()).0;
-        let meanwhile =
-            if moves.is_empty() { "the pump turns".into() } else { format!("{} moves", moves.join(" and ")) };
+        let meanwhile = match &moves[..] {
+            [] => "the pump turns".into(),
+            [one] => format!("{one} moves"),
+            more => format!("{} move", more.join(" and ")),
+        };
         let held = if channel == Sensor::Angle {
             " (or the lever was held, and then the lever of this run is not free)"
         } else {
