@@ -39,6 +39,7 @@ pub mod refit;
 pub mod report;
 pub mod sandwich;
 pub mod score;
+pub mod secant;
 pub mod shapes;
 pub mod significance;
 pub mod simplify;

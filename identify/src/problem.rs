@@ -35,6 +35,7 @@ pub struct Point {
 }
 
 /// Weighted residuals of one stretch with their derivatives.
+#[derive(Clone)]
 pub struct Piece {
     /// (measured - predicted) / standard error, one a target.
     pub residual: Vec<f64>,

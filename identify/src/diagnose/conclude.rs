@@ -118,8 +118,9 @@ impl Search<'_> {
             balance_p_values(first, first, &effects)
         } else {
             let nested = self.nested(&step.fit)?;
-            let open = self.open(&nested);
-            let last = Round::usual(&self.brief, &nested, &open)?;
+            let mut others = self.open(&nested);
+            others.retain(|e| !effects.iter().any(|a| a.effect.header().balance == e.header().balance));
+            let last = Round::usual(&self.brief, &nested, &others)?;
             balance_p_values(first, &last, &effects)
         };
         let (parts_before, parts_after) = (found.parts(self.problem, &before), found.parts(self.problem, &step));

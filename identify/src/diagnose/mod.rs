@@ -220,7 +220,7 @@ pub fn diagnose_declared(
             let nested = search.nested(&found.last().fit)?;
             let open = search.open(&nested);
             let round = Round::new(&search.brief, &nested, open.into_iter())?;
-            if search.is_lost(&found) && !search.leads_out(&round)? {
+            if search.is_lost(&found, found.last()) && !search.leads_out(&round)? {
                 break;
             }
             if !search.calls_for(&mut found, &round) || search.is_settled(&found, &round)? {

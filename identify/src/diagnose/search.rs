@@ -10,8 +10,8 @@ use super::holdout::HoldOut;
 use super::round::Round;
 use super::whole::Seated;
 use super::{
-    BRIEF_S, CLEAR, CONSISTENT, Declared, EXPLAINED, GROSS, LEVEL, LOST, MATERIAL, PREFERRED, Ranked, SHORT_S,
-    SUBSTANTIAL, most_names,
+    BRIEF_S, CLEAR, CONSISTENT, Declared, EXPLAINED, GROSS, LEVEL, LOST, MATERIAL, MOST_EFFECTS, PREFERRED, Ranked,
+    SHORT_S, SUBSTANTIAL, most_names,
 };
 use crate::colour::{Colour, colours};
 use crate::fit::Fit;
@@ -211,11 +211,11 @@ impl<'a> Search<'a> {
         p <= LEVEL || largest >= CLEAR
     }
 
-    /// The misfit is gross, and the names that were found do not lead out of it.
-    pub fn is_lost(&self, found: &Found) -> bool {
-        let left = self.left(found, found.last());
+    /// The misfit is gross, and the names of this step do not lead out of it.
+    pub fn is_lost(&self, found: &Found, step: &Step) -> bool {
+        let left = self.left(found, step);
         let before = misfit::total(&self.left(found, &found.steps[0]));
-        let of_cost = 1.0 - found.last().fit.cost / found.steps[0].fit.cost;
+        let of_cost = 1.0 - step.fit.cost / found.steps[0].fit.cost;
         misfit::largest(&left) > GROSS && misfit::total(&left) > (1.0 - LOST) * before && of_cost < LOST
     }
 
@@ -294,7 +294,9 @@ impl<'a> Search<'a> {
             let (begun, ended) = ((&last.ids(), last.fit.cost), (&lean.ids(), lean.fit.cost));
             return Ok(if is_back(begun, ended) { None } else { Some(lean) });
         }
-        if self.is_beside_the_point(found, &last, &step) {
+        // nor are two that leave most of a gross misfit what is missing, whatever stands in the place of either
+        let two_are_lost = step.names.len() == MOST_EFFECTS && self.is_lost(found, &step);
+        if two_are_lost || self.is_beside_the_point(found, &last, &step) {
             return Ok(Some(step));
         }
         // a name of this round was compared beside the earlier one, unless both are of this round, or that one stood elsewhere

@@ -11,7 +11,7 @@ use crate::misfit;
 use crate::problem::{Point, Problem};
 
 /// Tells which start leads.
-const FEW: Effort = Effort { iterations: 3, tolerance: 1e-6, promise: f64::INFINITY, creep: 0.0, ahead: true };
+const FEW: Effort = Effort { iterations: 3, tolerance: 1e-6, promise: f64::INFINITY, creep: 0.0 };
 
 /// A start that after those steps leaves at most so many times what the fit does may yet end below it.
 const HALFWAY: f64 = 1.5;
@@ -121,7 +121,8 @@ fn lead(problem: &Problem, current: &Fit, component: &[f64], brief: &Fit) -> Opt
 
 /// At its minimum; `None` where that is above the current model's.
 fn ended(problem: &Problem, current: &Fit, lead: Fit, to_the_end: Effort) -> Option<Fit> {
-    let fit = fit(problem, &lead.layout, lead.point, to_the_end).ok()?;
+    // a lead of the same tolerance may have come to its end
+    let fit = if lead.converged { lead } else { fit(problem, &lead.layout, lead.point, to_the_end).ok()? };
     tracing::debug!(cost = fit.cost, converged = fit.converged, current = current.cost, "on the whole runs");
     (fit.cost < current.cost).then_some(fit)
 }
