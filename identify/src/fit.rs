@@ -1,7 +1,7 @@
 //! Levenberg-Marquardt on normal equations, within bounds.
 //!
-//! Derivatives cost most, so they are carried on over steps that come out as promised ([`crate::secant`]), and taken anew where one does not, or where the fit
-//! would end: what counts as a minimum is one by derivatives of that point.
+//! Derivatives cost most. They may be carried on over steps that come out as promised ([`crate::secant`]), and are taken anew where one does not, or where the
+//! fit would end: what counts as a minimum is one by derivatives of that point.
 
 use model::integrate::SimulationError;
 use nalgebra::{DMatrix, DVector};
@@ -23,11 +23,14 @@ pub struct Effort {
     /// Far from the noise a fit creeps that gains less than this share of the cost in each of several steps: it is given up there, not
     /// converged. 0: never.
     pub creep: f64,
+    /// Derivatives are carried on over steps that come out as promised: saves time where a fit is near its minimum or led by a guide. Far from it, with
+    /// kinks on the way, it saves none, and may lead elsewhere.
+    pub secants: bool,
 }
 
 impl Default for Effort {
     fn default() -> Self {
-        Effort { iterations: 25, tolerance: 1e-6, promise: f64::INFINITY, creep: 0.0 }
+        Effort { iterations: 25, tolerance: 1e-6, promise: f64::INFINITY, creep: 0.0, secants: false }
     }
 }
 
@@ -140,7 +143,7 @@ pub fn fit_from(
                 let relative = (cost - trial_cost) / cost;
                 let little = relative < effort.tolerance && enough.is_infinite();
                 let creeps = relative < effort.creep && misfit(problem, trial_cost) > FAR;
-                if carried < CARRIED && gain > AS_PROMISED && !little && !creeps {
+                if effort.secants && carried < CARRIED && gain > AS_PROMISED && !little && !creeps {
                     let pieces = carried_on(current.pieces, &point, &trial, residuals);
                     slopes = Some(Slopes { pieces, carried: carried + 1 });
                 }
@@ -219,7 +222,7 @@ struct Retreat {
 /// Most steps over which derivatives are carried on.
 const CARRIED: usize = 3;
 /// Share of the promised gain from which on a step came out as promised.
-const AS_PROMISED: f64 = 0.5;
+const AS_PROMISED: f64 = 0.9;
 /// Damping with which a step leads nowhere.
 const MOST_DAMPING: f64 = 1e10;
 
@@ -396,7 +399,8 @@ mod tests {
         let problem = Problem { plant, ..problem(&runs) };
         let layout = layout(&truth);
         let start = problem.point(layout.vector_of(&truth).iter().map(|v| times * v).collect());
-        (fit(&problem, &layout, start, Effort::default()).unwrap(), problem.targets())
+        let effort = Effort { secants: true, ..Effort::default() };
+        (fit(&problem, &layout, start, effort).unwrap(), problem.targets())
     }
 
     #[test]
