@@ -13,7 +13,7 @@ const HORIZONS_S: [f64; 2] = [8.0, 40.0];
 const BEHIND: f64 = 2.0;
 /// Where both are far from the noise the model lacks something, and a minimum that is hardly lower, by a share of what the other one leaves, is not worth its way.
 const LOWER: f64 = 0.9;
-const LEAD: Effort = Effort { iterations: 12, tolerance: 1e-4, promise: f64::INFINITY, creep: CREEP, secants: false };
+const LEAD: Effort = Effort { iterations: 12, tolerance: 1e-4, promise: f64::INFINITY, creep: CREEP, ahead: false };
 /// Share of the cost: a fit of the reference model far from the noise that gains less in each of several steps is given up there.
 pub(crate) const CREEP: f64 = 0.01;
 /// Steps on the whole runs that tell whether the way leads lower.

@@ -1,14 +1,10 @@
 //! Levenberg-Marquardt on normal equations, within bounds.
-//!
-//! Derivatives cost most. They may be carried on over steps that come out as promised ([`crate::secant`]), and are taken anew where one does not, or where the
-//! fit would end: what counts as a minimum is one by derivatives of that point.
 
 use model::integrate::SimulationError;
 use nalgebra::{DMatrix, DVector};
 
 use crate::layout::Layout;
-use crate::problem::{Normal, Piece, Point, Problem};
-use crate::secant::carried_on;
+use crate::problem::{Piece, Point, Problem};
 
 /// When to stop.
 #[derive(Clone, Copy, Debug)]
@@ -23,14 +19,13 @@ pub struct Effort {
     /// Far from the noise a fit creeps that gains less than this share of the cost in each of several steps: it is given up there, not
     /// converged. 0: never.
     pub creep: f64,
-    /// Derivatives are carried on over steps that come out as promised: saves time where a fit is near its minimum or led by a guide. Far from it, with
-    /// kinks on the way, it saves none, and may lead elsewhere.
-    pub secants: bool,
+    /// Each step is tried with derivatives at once, on the trust that it is taken: saves a simulation where it is.
+    pub ahead: bool,
 }
 
 impl Default for Effort {
     fn default() -> Self {
-        Effort { iterations: 25, tolerance: 1e-6, promise: f64::INFINITY, creep: 0.0, secants: false }
+        Effort { iterations: 25, tolerance: 1e-6, promise: f64::INFINITY, creep: 0.0, ahead: false }
     }
 }
 
@@ -78,52 +73,34 @@ pub fn fit_from(
     let mut point = start;
     let before = point.theta.clone();
     clip(&mut point.theta, &bounds);
-    let mut slopes = known.filter(|_| point.theta == before).map(Slopes::fresh);
-    let mut cost = match &slopes {
-        Some(known) => problem.cost_of_pieces(&known.pieces, &point),
+    let mut known = known.filter(|_| point.theta == before);
+    let mut cost = match &known {
+        Some(pieces) => problem.cost_of_pieces(pieces, &point),
         None => problem.cost_of(&problem.residuals(layout, &point)?, &point),
     };
     // near the minimum already: flat directions must not wait for the damping to fall
     let mut damping = if effort.promise.is_finite() { 1e-7 } else { 1e-3 };
     let mut growth = 2.0;
     let mut converged = false;
-    let (mut creeping, mut iteration) = (0, 0);
-    let mut retreat: Option<Retreat> = None;
-    'outer: while iteration < effort.iterations {
-        let current = match slopes.take() {
-            Some(known) => known,
-            None => match (problem.linearise(layout, &point), retreat.take()) {
-                (Ok(pieces), _) => Slopes::fresh(pieces),
-                // at the edge of what can be simulated values may come to their end and their derivatives not: no place to go on from
-                (Err(error), Some(back)) if back.damping < MOST_DAMPING => {
-                    tracing::debug!(%error, "back to the last point that can be linearised");
-                    (point, cost, damping) = (back.point, back.cost, 10.0 * back.damping);
-                    Slopes::fresh(back.pieces)
-                }
-                (Err(error), _) => return Err(error),
-            },
+    let mut creeping = 0;
+    'outer: for iteration in 0..effort.iterations {
+        let pieces = match known.take() {
+            Some(pieces) => pieces,
+            None => problem.linearise(layout, &point)?,
         };
-        let carried = current.carried;
-        let fresh = carried == 0;
-        if fresh {
-            iteration += 1;
-            retreat = Some(Retreat { point: point.clone(), cost, pieces: current.pieces.clone(), damping });
-        }
-        let normal = problem.normal(&current.pieces, layout.len(), &point);
+        let normal = problem.normal(&pieces, layout.len(), &point);
         let active = pushed_out(&point.theta, &bounds, &normal.gradient, &normal.matrix);
         let enough = effort.promise * misfit(problem, cost);
         if enough.is_finite() {
             // of the whole step: a damped one promises little along a flat direction, however far its minimum is
             let whole = damped_step(&normal.matrix, &normal.gradient, &active, 1e-13);
             if whole.is_some_and(|step| normal.gradient.dot(&step) < enough) {
-                if !fresh {
-                    continue;
-                }
                 converged = true;
-                slopes = Some(current);
+                known = Some(pieces);
                 break;
             }
         }
+        let mut ahead = effort.ahead;
         let (before, mut rejected) = (damping, 0);
         let mut held = active.clone();
         loop {
@@ -134,38 +111,47 @@ pub fn fit_from(
                 }
                 continue;
             };
-            let trial = stepped(&point, &step, &normal, &bounds);
-            let residuals = problem.residuals(layout, &trial).unwrap_or_default();
-            let trial_cost = if residuals.is_empty() { f64::INFINITY } else { problem.cost_of(&residuals, &trial) };
+            let mut trial = point.clone();
+            for (v, d) in trial.theta.iter_mut().zip(step.iter()) {
+                *v += d;
+            }
+            clip(&mut trial.theta, &bounds);
+            let taken = DVector::from_iterator(step.len(), trial.theta.iter().zip(&point.theta).map(|(a, b)| a - b));
+            for (initial, d) in trial.initial.iter_mut().zip(normal.initial_step(&taken)) {
+                for (value, d) in initial.iter_mut().zip(d) {
+                    *value += d;
+                }
+            }
+            let mut trial_pieces = if ahead { problem.linearise(layout, &trial).ok() } else { None };
+            let mut trial_cost = match &trial_pieces {
+                Some(pieces) => problem.cost_of_pieces(pieces, &trial),
+                None => problem.cost(layout, &trial),
+            };
+            if effort.ahead && trial_pieces.is_none() && trial_cost < cost {
+                // at the edge of what can be simulated values may come to their end and their derivatives not: no place to go on from
+                trial_pieces = problem.linearise(layout, &trial).ok();
+                if trial_pieces.is_none() {
+                    trial_cost = f64::INFINITY;
+                }
+            }
+            ahead = false;
             let predicted = 2.0 * normal.gradient.dot(&step) - (step.transpose() * &normal.matrix * &step)[(0, 0)];
             if trial_cost < cost {
                 let gain = (cost - trial_cost) / predicted.max(1e-300);
                 let relative = (cost - trial_cost) / cost;
-                let little = relative < effort.tolerance && enough.is_infinite();
-                let creeps = relative < effort.creep && misfit(problem, trial_cost) > FAR;
-                if effort.secants && carried < CARRIED && gain > AS_PROMISED && !little && !creeps {
-                    let pieces = carried_on(current.pieces, &point, &trial, residuals);
-                    slopes = Some(Slopes { pieces, carried: carried + 1 });
-                }
                 point = trial;
                 cost = trial_cost;
+                known = trial_pieces;
                 damping = (damping * (1.0 - (2.0 * gain - 1.0).powi(3)).max(0.1)).max(1e-9);
                 growth = 2.0;
-                if !fresh {
-                    break;
-                }
-                if little {
+                if relative < effort.tolerance && enough.is_infinite() {
                     converged = true;
                     break 'outer;
                 }
-                creeping = if creeps { creeping + 1 } else { 0 };
+                creeping = if relative < effort.creep && misfit(problem, cost) > FAR { creeping + 1 } else { 0 };
                 if creeping >= CREEPING {
                     break 'outer;
                 }
-                break;
-            }
-            if !fresh {
-                damping = before;
                 break;
             }
             rejected += 1;
@@ -175,56 +161,16 @@ pub fn fit_from(
             }
             damping *= growth;
             growth *= 2.0;
-            if predicted < enough.min(effort.tolerance * cost) || damping > MOST_DAMPING {
+            if predicted < enough.min(effort.tolerance * cost) || damping > 1e10 {
                 converged = true;
-                slopes = Some(current);
+                known = Some(pieces);
                 break 'outer;
             }
         }
-        tracing::debug!(iteration, carried, cost, damping, "fit");
+        tracing::debug!(iteration, cost, damping, "fit");
     }
-    let known = slopes.filter(|known| known.carried == 0).map(|known| known.pieces);
     Ok((Fit { layout: layout.clone(), point, cost, converged }, known))
 }
-
-/// The point a step further on, within the bounds, with the initial values that go with it.
-fn stepped(from: &Point, step: &DVector<f64>, normal: &Normal, bounds: &[(f64, f64)]) -> Point {
-    let mut to = from.clone();
-    to.theta.iter_mut().zip(step.iter()).for_each(|(value, d)| *value += d);
-    clip(&mut to.theta, bounds);
-    let taken = DVector::from_iterator(step.len(), to.theta.iter().zip(&from.theta).map(|(a, b)| a - b));
-    for (initial, d) in to.initial.iter_mut().zip(normal.initial_step(&taken)) {
-        initial.iter_mut().zip(d).for_each(|(value, d)| *value += d);
-    }
-    to
-}
-
-/// A linearisation, fresh or carried on over so many steps.
-struct Slopes {
-    pieces: Vec<Piece>,
-    carried: usize,
-}
-
-impl Slopes {
-    fn fresh(pieces: Vec<Piece>) -> Self {
-        Slopes { pieces, carried: 0 }
-    }
-}
-
-/// The last point that was linearised, for the case that one further on can't be.
-struct Retreat {
-    point: Point,
-    cost: f64,
-    pieces: Vec<Piece>,
-    damping: f64,
-}
-
-/// Most steps over which derivatives are carried on.
-const CARRIED: usize = 3;
-/// Share of the promised gain from which on a step came out as promised.
-const AS_PROMISED: f64 = 0.9;
-/// Damping with which a step leads nowhere.
-const MOST_DAMPING: f64 = 1e10;
 
 /// Cost a target (noise alone: 1) from which a fit is far from the noise.
 pub(crate) const FAR: f64 = 10.0;
@@ -310,120 +256,4 @@ pub fn covariance(matrix: &DMatrix<f64>) -> DMatrix<f64> {
             0.0
         }
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use std::sync::atomic::{AtomicUsize, Ordering};
-
-    use super::*;
-    use crate::common::{dynamic, layout, problem};
-    use crate::plant::{Plant, PlantHeader};
-    use crate::plants::rec::REC;
-    use crate::predict::Linear;
-    use crate::prepare::Stretch;
-    use model::Parameters;
-
-    /// The rig, whose linearisations and simulations of a stretch are counted, and which has none of the first where its first parameter is beyond an edge.
-    struct Counted {
-        linearisations: AtomicUsize,
-        simulations: AtomicUsize,
-        edge: f64,
-    }
-
-    impl Counted {
-        /// It lives as long as the tests.
-        fn rig(edge: f64) -> &'static Counted {
-            Box::leak(Box::new(Counted { linearisations: AtomicUsize::new(0), simulations: AtomicUsize::new(0), edge }))
-        }
-
-        fn count(&self) -> (usize, usize) {
-            (self.linearisations.load(Ordering::Relaxed), self.simulations.load(Ordering::Relaxed))
-        }
-    }
-
-    impl Plant for Counted {
-        fn header(&self) -> &'static PlantHeader {
-            REC.header()
-        }
-
-        fn cluster_s(&self, stretch: &Stretch) -> Option<f64> {
-            REC.cluster_s(stretch)
-        }
-
-        fn complete_values(&self, k: &mut [f64]) {
-            REC.complete_values(k);
-        }
-
-        fn predict(
-            &self,
-            s: &Stretch,
-            l: &Layout,
-            theta: &[f64],
-            initial: &[f64],
-        ) -> Result<Vec<f64>, SimulationError> {
-            self.simulations.fetch_add(1, Ordering::Relaxed);
-            REC.predict(s, l, theta, initial)
-        }
-
-        fn linearise(
-            &self,
-            s: &Stretch,
-            l: &Layout,
-            theta: &[f64],
-            initial: &[f64],
-        ) -> Result<Linear, SimulationError> {
-            self.linearisations.fetch_add(1, Ordering::Relaxed);
-            if theta[0] > self.edge {
-                Err(SimulationError::NotFinite { time_s: 0.0 })
-            } else {
-                REC.linearise(s, l, theta, initial)
-            }
-        }
-
-        fn rows(
-            &self,
-            s: &Stretch,
-            l: &Layout,
-            theta: &[f64],
-            initial: &[f64],
-        ) -> Result<Vec<Vec<f64>>, SimulationError> {
-            REC.rows(s, l, theta, initial)
-        }
-    }
-
-    /// The fit of a rig's recordings, from so many times the true base values; and its targets.
-    fn fitted(plant: &'static Counted, times: f64) -> (Fit, usize) {
-        let truth = Parameters::example();
-        let runs = [7, 8].map(|seed| dynamic(&truth, None, 12.0, seed));
-        let problem = Problem { plant, ..problem(&runs) };
-        let layout = layout(&truth);
-        let start = problem.point(layout.vector_of(&truth).iter().map(|v| times * v).collect());
-        let effort = Effort { secants: true, ..Effort::default() };
-        (fit(&problem, &layout, start, effort).unwrap(), problem.targets())
-    }
-
-    #[test]
-    fn derivatives_are_carried_on_over_steps_and_lead_to_the_minimum() {
-        let rig = Counted::rig(f64::INFINITY);
-        let (there, targets) = fitted(rig, 0.9);
-        let (linearisations, simulations) = rig.count();
-        assert!(there.converged && there.cost < 1.1 * targets as f64, "{} {targets}", there.cost);
-        assert!(simulations > linearisations + 2, "{simulations} simulations, {linearisations} linearisations");
-        // from the minimum on, with derivatives of its own, nothing is gained
-        let (again, _) = fitted(Counted::rig(f64::INFINITY), 1.0);
-        assert!((there.cost / again.cost - 1.0).abs() < 1e-5, "{} {}", there.cost, again.cost);
-    }
-
-    #[test]
-    fn a_point_that_cannot_be_linearised_is_stepped_back_from() {
-        let m2 = Parameters::example().torque.m2;
-        let (start, edge) = (1.1 * m2, 1.03 * m2);
-        assert!(
-            start < edge && fitted(Counted::rig(f64::INFINITY), 1.1).0.point.theta[0] > edge,
-            "the edge is on the way"
-        );
-        let stopped = fitted(Counted::rig(edge), 1.1).0.point.theta[0];
-        assert!(start < stopped && stopped <= edge, "{start} {stopped} {edge}");
-    }
 }

@@ -13,7 +13,7 @@ const FOLLOWED: usize = 4;
 /// if they cost at most so many times what the cheapest does,
 const FURTHER: f64 = 100.0;
 /// a few steps, which tell which of them leads down.
-const FEW: Effort = Effort { iterations: 3, tolerance: 1e-3, promise: f64::INFINITY, creep: 0.0, secants: false };
+const FEW: Effort = Effort { iterations: 3, tolerance: 1e-3, promise: f64::INFINITY, creep: 0.0, ahead: false };
 
 /// One that then leaves so many times what the library's form does is not brought to its minimum.
 const BEHIND: f64 = 5.0;

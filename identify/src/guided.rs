@@ -41,7 +41,7 @@ pub struct Led {
 /// 0.1 kg m2 leaves the lever 0.05 degrees off.
 const GUIDES: [Guide; 2] = [Guide { lever_s: 0.03, pressure_s: 0.1 }, Guide { lever_s: 0.1, pressure_s: 0.5 }];
 /// Under a guide a start leads far, if it leads anywhere.
-const LEAD: Effort = Effort { iterations: 30, tolerance: 1e-3, promise: f64::INFINITY, creep: 0.0, secants: true };
+const LEAD: Effort = Effort { iterations: 30, tolerance: 1e-3, promise: f64::INFINITY, creep: 0.0, ahead: false };
 /// A few steps tell which start that is.
 const FEW: Effort = Effort { iterations: 8, ..LEAD };
 /// Sizes of an effect's starts that are tried, for a gross effect the usual ones and more.

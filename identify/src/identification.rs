@@ -269,7 +269,7 @@ pub fn rough_fit(
     let mut theta = start;
     let mut known = None;
     let (still, _) = problem.part(|_, s| s.stand != Stand::Free);
-    let effort = Effort { iterations: 6, tolerance: 1e-3, secants: true, ..Effort::default() };
+    let effort = Effort { iterations: 6, tolerance: 1e-3, ahead: true, ..Effort::default() };
     if !still.stretches.is_empty()
         && let Ok(f) = fit(&still, layout, still.point(theta.clone()), effort)
         && f.point.theta.iter().all(|v| v.is_finite())
@@ -282,13 +282,13 @@ pub fn rough_fit(
         }
     }
     // what a further step gains is left to the polish, which has to take one anyway
-    let effort = Effort { iterations: 12, tolerance: 1e-2, secants: true, ..Effort::default() };
+    let effort = Effort { iterations: 12, tolerance: 1e-2, ahead: true, ..Effort::default() };
     fit_from(problem, layout, problem.point(theta), effort, known)
 }
 
 /// From near the joint minimum to it.
 pub fn polish() -> Effort {
-    Effort { iterations: 20, tolerance: 1e-6, promise: PROMISE, creep: 0.0, secants: true }
+    Effort { iterations: 20, tolerance: 1e-6, promise: PROMISE, creep: 0.0, ahead: true }
 }
 
 /// Takes out of the layout what the data do not determine: one after the other, the worst first.

@@ -39,7 +39,6 @@ pub mod refit;
 pub mod report;
 pub mod sandwich;
 pub mod score;
-pub mod secant;
 pub mod shapes;
 pub mod significance;
 pub mod simplify;

@@ -35,7 +35,6 @@ pub struct Point {
 }
 
 /// Weighted residuals of one stretch with their derivatives.
-#[derive(Clone)]
 pub struct Piece {
     /// (measured - predicted) / standard error, one a target.
     pub residual: Vec<f64>,

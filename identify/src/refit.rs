@@ -44,7 +44,7 @@ pub struct Bases<'a> {
 }
 
 /// Brings a start near its minimum.
-const LEAD: Effort = Effort { iterations: 10, tolerance: 1e-3, promise: f64::INFINITY, creep: 0.0, secants: false };
+const LEAD: Effort = Effort { iterations: 10, tolerance: 1e-3, promise: f64::INFINITY, creep: 0.0, ahead: false };
 
 /// Refits `current` with these effects added, from the best of their starts, with this effort from each base.
 pub fn refit(

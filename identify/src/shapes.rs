@@ -12,7 +12,7 @@ const STEPS: [f64; 4] = [0.2, 0.1, 0.05, 0.025];
 /// A trial counts that leaves at most this share of the cost.
 const BETTER: f64 = 0.98;
 /// A trial is a few steps with all shapes held.
-const TRIAL: Effort = Effort { iterations: 2, tolerance: 1e-3, promise: f64::INFINITY, creep: 0.0, secants: false };
+const TRIAL: Effort = Effort { iterations: 2, tolerance: 1e-3, promise: f64::INFINITY, creep: 0.0, ahead: false };
 /// Most trials.
 const MOST: usize = 24;
 

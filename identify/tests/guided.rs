@@ -169,10 +169,7 @@ fn frictions_that_stand_in_each_other_s_place_change_places_where_the_guide_lets
     let mut swapped = known.clone();
     (swapped[a], swapped[w_s]) = (known[w_s], known[a]);
     let tight = problem.guided(Guide { lever_s: 0.03, pressure_s: 0.1 }).unwrap();
-    // the two of them held: from the swapped ones a fit may come to a third place
-    let mut swapping = with.clone();
-    swapping.held.extend([a, w_s]);
-    let there = |theta: &[f64]| fit(&tight, &swapping, tight.point(theta.to_vec()), Effort::default()).unwrap();
+    let there = |theta: &[f64]| fit(&tight, &with, tight.point(theta.to_vec()), Effort::default()).unwrap();
     let (right, wrong) = (there(&known), there(&swapped));
     assert!(right.cost + 20.0 < wrong.cost, "a minimum of its own: {} {}", right.cost, wrong.cost);
     let from = &wrong.point.theta;

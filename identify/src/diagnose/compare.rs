@@ -21,7 +21,7 @@ const CREEP: f64 = 0.005;
 /// A fit that is brought to its minimum. A gross effect needs many linearisations, and a stiff one (a stop) has places that can be simulated and not
 /// linearised, which must not be stepped to.
 pub(super) fn to_the_end() -> Effort {
-    Effort { iterations: 40, tolerance: 1e-6, creep: CREEP, secants: true, ..Effort::default() }
+    Effort { iterations: 40, tolerance: 1e-6, creep: CREEP, ahead: true, ..Effort::default() }
 }
 /// A rival explains at least this share of what the best candidate does,
 const RIVAL: f64 = 0.95;

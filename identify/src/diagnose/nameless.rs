@@ -152,10 +152,10 @@ struct Told {
 }
 
 /// A point as it is.
-const AS_IT_IS: Effort = Effort { iterations: 0, tolerance: 0.0, promise: f64::INFINITY, creep: 0.0, secants: false };
+const AS_IT_IS: Effort = Effort { iterations: 0, tolerance: 0.0, promise: f64::INFINITY, creep: 0.0, ahead: false };
 /// The base parameters follow terms that were pulled.
 const TO_THE_TERMS: Effort =
-    Effort { iterations: 8, tolerance: 1e-5, promise: f64::INFINITY, creep: 0.0, secants: false };
+    Effort { iterations: 8, tolerance: 1e-5, promise: f64::INFINITY, creep: 0.0, ahead: false };
 
 /// Shares of what each term does that it costs to be pulled by, weakest first.
 const PULLS: [f64; 7] = [0.0, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1];

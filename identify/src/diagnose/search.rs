@@ -216,7 +216,7 @@ impl<'a> Search<'a> {
         let left = self.left(found, step);
         let before = misfit::total(&self.left(found, &found.steps[0]));
         let of_cost = 1.0 - step.fit.cost / found.steps[0].fit.cost;
-        misfit::largest(&left) > GROSS && misfit::total(&left) > (1.0 - LOST) * before && of_cost < LOST
+        leads_nowhere(misfit::largest(&left), misfit::total(&left) / before, of_cost)
     }
 
     /// What is left is a matter of the form of what is named ([`matter_of_form`]).
@@ -340,6 +340,12 @@ fn is_preferred(better: f64, held_better: f64, certain: bool, complete: bool) ->
     better.max(held_better) >= needed && held_better >= HELD && (certain || better >= HELD)
 }
 
+/// Names that leave `largest` noise floors, and this share `left` of what was missing on data left out, and take away this share `of_cost` of the fit's cost,
+/// do not lead out of a gross misfit.
+fn leads_nowhere(largest: f64, left: f64, of_cost: f64) -> bool {
+    largest > GROSS && left > 1.0 - LOST && of_cost < LOST
+}
+
 /// A round is back where it began, and would only be repeated: at the same names, and no better minimum of their fit.
 fn is_back(begun: (&BTreeSet<&str>, f64), ended: (&BTreeSet<&str>, f64)) -> bool {
     begun.0 == ended.0 && ended.1 >= BETTER_MINIMUM * begun.1
@@ -361,6 +367,14 @@ mod tests {
         assert!(!is_back((&one, 100.0), (&one, 90.0)), "the same name in a better minimum");
         assert!(!is_back((&one, 100.0), (&other, 100.0)), "another in its place");
         assert!(!is_back((&BTreeSet::new(), 100.0), (&one, 100.0)), "one more");
+    }
+
+    #[test]
+    fn names_lead_nowhere_that_leave_most_of_a_gross_misfit_by_every_measure() {
+        assert!(leads_nowhere(16.0, 0.8, 0.2));
+        assert!(!leads_nowhere(1.0, 0.8, 0.2), "what is not gross any more");
+        assert!(!leads_nowhere(16.0, 0.5, 0.2) && !leads_nowhere(16.0, 0.8, 0.5), "half of two");
+        assert!(!leads_nowhere(0.0, f64::NAN, 0.0), "nothing was there");
     }
 
     #[test]

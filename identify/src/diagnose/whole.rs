@@ -11,7 +11,7 @@ use crate::misfit;
 use crate::problem::{Point, Problem};
 
 /// Tells which start leads.
-const FEW: Effort = Effort { iterations: 3, tolerance: 1e-6, promise: f64::INFINITY, creep: 0.0, secants: true };
+const FEW: Effort = Effort { iterations: 3, tolerance: 1e-6, promise: f64::INFINITY, creep: 0.0, ahead: true };
 
 /// A start that after those steps leaves at most so many times what the fit does may yet end below it.
 const HALFWAY: f64 = 1.5;
