@@ -56,7 +56,7 @@ impl<'a> Run<'a> {
         let states = STATES + effects.states;
         let mut x = vec![0.0; states];
         let mut scratch = vec![0.0; states];
-        let input = stretch.input(0, 1.0);
+        let input = stretch.input_before();
         let shown = [0, 1, 2].map(|j| stretch.initial[j] + initial[j]);
         x[state::ANGLE] = shown[0];
         x[state::PRESSURE1] = shown[1];
@@ -78,7 +78,8 @@ impl<'a> Run<'a> {
             }
             shift_rad = shown[0] - x[state::ANGLE];
         }
-        let within = |longest_s: f64| Integrator::for_plant(longest_s, k, effects, &stands(stretch, &input), &x);
+        let driven = stands(stretch, &stretch.input(0, 1.0));
+        let within = |longest_s: f64| Integrator::for_plant(longest_s, k, effects, &driven, &x);
         let integrator = match stretch.stand {
             Stand::Free => within(STEP_FREE_S).resolving_creep(),
             Stand::Led | Stand::Drained if within(STEP_LED_S).longest_s() >= STEP_LED_S => within(STEP_CLAMPED_S),
@@ -280,7 +281,7 @@ fn start_sensitivity(stretch: &Stretch, run: &Run, seeds: &Seeds, s: &mut Sensit
     for (j, i) in [state::ANGLE, state::PRESSURE1, state::PRESSURE2].into_iter().enumerate() {
         s.set(i, columns + j, 1.0);
     }
-    let input = stretch.input(0, 1.0);
+    let input = stretch.input_before();
     seeds.each_pass(|k, effects, first, count| {
         let mut x: Vec<Tangent> = run.x.iter().enumerate().map(|(i, v)| Tangent::variable(*v, i)).collect();
         if effects.touches(PortKind::Sensor) {

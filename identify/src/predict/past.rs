@@ -1,16 +1,18 @@
-//! What a stretch's past has left in the effects at the chambers.
+//! What a stretch's past has left in the states of the effects: at the chambers where the lever is led, everywhere on the pump's bench.
+
+use std::ops::Range;
 
 use model::effects::EffectSet;
 use model::integrate::{Seeds, Sensitivity};
 use model::port::PortKind;
+use model::rec::STATES;
 
 use super::imposed::impose_sensitivity;
 use super::{Run, start_sensitivity};
-use crate::prepare::Stretch;
+use crate::prepare::{Stand, Stretch};
 
 impl Run<'_> {
-    /// Puts the states of the effects at the chambers where the stretch's past has left them; where that is not known, or the model can't follow it, they
-    /// stay at rest.
+    /// Puts the states of the effects where the stretch's past has left them; where that is not known, or the model can't follow it, they stay at rest.
     pub(super) fn remember(&mut self) {
         let (effects, k) = (self.effects, self.k);
         let Some(past) = known(self.stretch, effects) else { return };
@@ -20,7 +22,7 @@ impl Run<'_> {
             before.advance(i, i + 1)
         };
         if (0..past.rows() - 1).try_for_each(&mut on).is_ok() {
-            for own in effects.at_chambers() {
+            for own in remembering(past, effects) {
                 self.x[own.clone()].copy_from_slice(&before.x[own]);
             }
         }
@@ -43,7 +45,7 @@ pub(super) fn remember_sensitivity(run: &Run, seeds: &Seeds, s: &mut Sensitivity
             return;
         }
     }
-    for i in run.effects.at_chambers().flatten() {
+    for i in remembering(past, run.effects).into_iter().flatten() {
         for column in 0..told.row(i).len() {
             // the stretch's own initial values come after its past
             s.set(i, column, if column < columns { told.get(i, column) } else { 0.0 });
@@ -53,5 +55,14 @@ pub(super) fn remember_sensitivity(run: &Run, seeds: &Seeds, s: &mut Sensitivity
 
 /// The past of a stretch, where it is known and something remembers it.
 fn known<'a>(stretch: &'a Stretch, effects: &EffectSet<f64>) -> Option<&'a Stretch> {
-    stretch.past.as_deref().filter(|past| past.rows() > 1 && effects.at_chambers().next().is_some())
+    stretch.past.as_deref().filter(|past| past.rows() > 1 && !remembering(past, effects).is_empty())
+}
+
+/// Places of the states that a past says something of.
+fn remembering(past: &Stretch, effects: &EffectSet<f64>) -> Vec<Range<usize>> {
+    match past.stand {
+        Stand::Bench if effects.states > 0 => vec![STATES..STATES + effects.states],
+        Stand::Bench => Vec::new(),
+        _ => effects.at_chambers().collect(),
+    }
 }

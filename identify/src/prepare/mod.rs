@@ -193,6 +193,7 @@ pub fn stretches(
                     }
                 });
                 s.initial = vec![0.0, s.pressure_bar[0][0], s.pressure_bar[1][0]];
+                s.past = past(&s, &r, first, angle_noise);
                 let mut volume = r.volume_ml[first..end].to_vec();
                 volume[0] = f64::NAN; // 0 by definition
                 s.measured[Channel::Volume.index()] = volume;

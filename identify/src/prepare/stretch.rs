@@ -98,7 +98,7 @@ pub struct Stretch {
     pub angle_rad: Vec<f64>,
     /// Turning points of the way on which a led lever came to its first angle, rad; that angle is the last. Empty: not known, or free.
     pub way_rad: Vec<f64>,
-    /// What was before, where the lever is led, with angle and pressures as inputs: it says how the effects at the chambers begin.
+    /// What was before, where the lever is led or the pump on its bench, with angle and pressures as inputs: it says how the effects begin that remember.
     pub past: Option<Box<Stretch>>,
     /// Pressures as inputs, bar absolute; empty where they are not.
     pub pressure_bar: [Vec<f64>; 2],
@@ -161,6 +161,12 @@ impl Stretch {
     pub(super) fn has_inputs(&self) -> bool {
         let inputs = self.angle_rad.iter().chain(self.pressure_bar.iter().flatten());
         inputs.chain(&self.initial).all(|v| v.is_finite())
+    }
+
+    /// The input before it, of which nothing is known: a pump on its bench is started from standstill.
+    pub fn input_before(&self) -> Input {
+        let input = self.input(0, 1.0);
+        if self.stand == Stand::Bench { Input { voltage_v: 0.0, ..input } } else { input }
     }
 
     /// The input that acts from row `i` on for `dt` seconds.
