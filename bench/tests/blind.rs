@@ -96,3 +96,16 @@ fn what_does_not_fit_is_said_before_anything_is_drawn() {
     fs::write(&out, "{}").unwrap();
     refused(&["--seed", "8", "--out", out.to_str().unwrap()], &["blind.json", "a file that is none"]);
 }
+
+#[test]
+fn results_of_several_seeds_are_counted_together_and_each_case_once() {
+    let kept = |seed: &str| format!("{}/../benchmarks/blind/{seed}.json", env!("CARGO_MANIFEST_DIR"));
+    let (one, other) = (kept("20261203"), kept("20261204"));
+    let output = blind(&["--count", &one, &other, &one]);
+    let said = text(&output.stdout);
+    assert!([Some(0), Some(3)].contains(&output.status.code()), "{}", text(&output.stderr));
+    assert!(said.contains("44 cases of 2 seeds, by the diagnosis of 2 commits"), "{said}");
+    assert!(said.contains(" 0 of  11 "), "no false alarm in six and five: {said}");
+    let output = blind(&["--count", &one, "--cases", "5"]);
+    assert_eq!(output.status.code(), Some(2), "a count draws nothing");
+}

@@ -42,7 +42,12 @@ impl Store {
         let own = file.filter(|f| f.exists());
         let mut cases = BTreeMap::new();
         for path in others.iter().map(PathBuf::as_path).chain(own) {
-            cases.extend(read(path, seed)?.into_iter().map(|c| (c.case, c)));
+            let written = read(path)?;
+            if written.seed != seed.to_string() {
+                let what = format!("expected results of seed {seed}, got those of seed {}", written.seed);
+                return Err(refused(path, &what));
+            }
+            cases.extend(written.cases.into_iter().map(|c| (c.case, c)));
         }
         Ok(Store { file: file.map(Path::to_owned), seed, cases })
     }
@@ -101,18 +106,30 @@ impl Store {
     }
 }
 
-fn read(path: &Path, seed: u64) -> Result<Vec<Case>, Failure> {
-    let refused = |what: String| {
-        Failure::new(Kind::Input, format!("{}: {what}; name another file, or remove this one", path.display()))
-    };
-    let text = std::fs::read_to_string(path).map_err(|e| refused(format!("expected to read it, got \"{e}\"")))?;
+/// What files hold, whatever their seeds and diagnoses: by seed and number, so that a case in two files counts once.
+///
+/// # Errors
+/// One of them is none (2).
+pub fn of_files(files: &[PathBuf]) -> Result<BTreeMap<(String, usize), Case>, Failure> {
+    let mut cases = BTreeMap::new();
+    for path in files {
+        let written = read(path)?;
+        cases.extend(written.cases.into_iter().map(|c| ((written.seed.clone(), c.case), c)));
+    }
+    Ok(cases)
+}
+
+fn read(path: &Path) -> Result<Written, Failure> {
+    let text =
+        std::fs::read_to_string(path).map_err(|e| refused(path, &format!("expected to read it, got \"{e}\"")))?;
     let written: Written = serde_json::from_str(&text)
-        .map_err(|e| refused(format!("expected the results of a blind run, got a file that is none ({e})")))?;
+        .map_err(|e| refused(path, &format!("expected the results of a blind run, got a file that is none ({e})")))?;
     if written.format != FORMAT {
-        return Err(refused(format!("expected format {FORMAT}, got {}", written.format)));
+        return Err(refused(path, &format!("expected format {FORMAT}, got {}", written.format)));
     }
-    if written.seed != seed.to_string() {
-        return Err(refused(format!("expected results of seed {seed}, got those of seed {}", written.seed)));
-    }
-    Ok(written.cases)
+    Ok(written)
+}
+
+fn refused(path: &Path, what: &str) -> Failure {
+    Failure::new(Kind::Input, format!("{}: {what}; name another file, or remove this one", path.display()))
 }

@@ -1,14 +1,16 @@
 //! `bench blind --cases N --seed S [--jobs J] [--out FILE.json] [--keep DIR] [--only KIND] [--case K | --from K]
-//! [--with FILE.json ...]`
+//! [--with FILE.json ...]`, `bench blind --count FILE.json ...`
 
 use super::results::aligned;
+use crate::blind::case::Case;
 use crate::blind::plan::{Kind, plan};
-use crate::blind::store::Store;
+use crate::blind::store::{Store, of_files};
 use crate::blind::table::{Target, confusion, covered, seen, targets};
 use crate::blind::times::times;
 use crate::blind::trial::{DIAGNOSIS, trial};
 use crate::failure::{self, Failure};
 use crate::progress::Progress;
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -43,9 +45,15 @@ pub struct Args {
     /// What another machine found of the same seed (its --out); counted as well, and not done again
     #[arg(long = "with", value_name = "FILE.json")]
     others: Vec<PathBuf>,
+    /// Counts all cases of these results (their --out), of whatever seeds and diagnoses, and makes none
+    #[arg(long, value_name = "FILE.json", num_args = 1.., exclusive = true)]
+    count: Vec<PathBuf>,
 }
 
 pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
+    if !args.count.is_empty() {
+        return count(&args.count, progress);
+    }
     let wanted = wanted(args)?;
     let store = Store::open(args.out.as_deref(), &args.others, args.seed)?;
     let open: Vec<usize> = wanted.iter().copied().filter(|c| !store.holds(*c)).collect();
@@ -88,17 +96,37 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
         progress.result("short of what is sealed, or of the error of the truth's form:");
         cases.iter().filter(|c| c.falls_short()).for_each(|c| progress.result(&c.line()));
     }
+    judge(&tables(&cases, progress), args.case.is_some())
+}
+
+/// Says how often the verdicts were right, and how long they took.
+fn tables(cases: &[Case], progress: &Progress) -> Vec<Target> {
     progress.result("");
-    aligned(&confusion(&cases)).iter().for_each(|line| progress.result(line));
+    aligned(&confusion(cases)).iter().for_each(|line| progress.result(line));
     progress.result("");
-    let targets = targets(&cases);
+    let targets = targets(cases);
     targets.iter().for_each(|target| progress.result(&target.line()));
     progress.result("of those, the ones whose effects leave a noise floor or more in the runs that may be fitted:");
-    seen(&cases).iter().for_each(|(what, share)| progress.result(&format!("{what:44} {share}")));
-    progress.result(&format!("{:44} {}", "parameters: 95 % interval holds the truth", covered(&cases)));
+    seen(cases).iter().for_each(|(what, share)| progress.result(&format!("{what:44} {share}")));
+    progress.result(&format!("{:44} {}", "parameters: 95 % interval holds the truth", covered(cases)));
     progress.result("");
-    aligned(&times(&cases)).iter().for_each(|line| progress.result(line));
-    judge(&targets, args.case.is_some())
+    aligned(&times(cases)).iter().for_each(|line| progress.result(line));
+    targets
+}
+
+/// The same of what was found before.
+fn count(files: &[PathBuf], progress: &Progress) -> Result<(), Failure> {
+    let cases = of_files(files)?;
+    let seeds: BTreeSet<&str> = cases.keys().map(|(seed, _)| seed.as_str()).collect();
+    let diagnoses: BTreeSet<&str> = cases.values().filter_map(|c| c.diagnosis.as_deref()).collect();
+    progress.result(&format!(
+        "{} cases of {} seeds, by the diagnosis of {} commits",
+        cases.len(),
+        seeds.len(),
+        diagnoses.len()
+    ));
+    let cases: Vec<Case> = cases.into_values().collect();
+    judge(&tables(&cases, progress), false)
 }
 
 /// Numbers of the cases that are asked for, in order.
