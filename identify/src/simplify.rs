@@ -51,3 +51,47 @@ pub fn simplify(problem: &Problem, start: Fit) -> Result<Fit, SimulationError> {
     }
     Ok(best)
 }
+
+/// The fit with the sizes free that [`simplify`] holds at zero. The data do not ask for them, which is not to know that they are zero: what is known of the
+/// others goes with how well these are told from them (the zeros of two pressure sensors are known as a difference alone).
+pub fn released(fit: &Fit) -> Fit {
+    let mut layout = fit.layout.clone();
+    let shapes = layout.shapes();
+    layout.held.retain(|entry| shapes.contains(entry));
+    Fit { layout, ..fit.clone() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::common::{dynamic, layout, problem};
+    use crate::uncertainty::Uncertainty;
+    use model::Parameters;
+    use model::effects::find;
+
+    #[test]
+    fn of_two_zeros_that_go_with_the_filling_one_is_held_and_the_interval_of_the_other_holds_the_truth() {
+        let truth = Parameters::example();
+        let drift = find("pressure_drift").unwrap();
+        let zero1_bar = 0.08;
+        let runs = [7, 8].map(|seed| dynamic(&truth, Some((drift, vec![zero1_bar, 0.0, 0.0, 0.0, 40.0])), 16.0, seed));
+        let (problem, plain) = (problem(&runs), layout(&truth));
+        let point = problem.point([plain.vector_of(&truth), vec![0.0, 0.0, -zero1_bar, 0.0, 40.0]].concat());
+        let mut named = plain.with(drift);
+        named.held.extend(named.shapes());
+        let found = fit(&problem, &named, point, Effort::default()).unwrap();
+        let simple = simplify(&problem, found).unwrap();
+        let first = simple.layout.first_of(0);
+        let std = |fit: &Fit, i: usize| Uncertainty::of(&problem, fit).unwrap().of_entry(first + i);
+        let values = &simple.point.theta[first..];
+        let free: Vec<usize> = [0, 2].into_iter().filter(|i| !simple.layout.held.contains(&(first + i))).collect();
+        assert!((values[0] - values[2] - zero1_bar).abs() < 0.01, "their difference: {values:?}");
+        for i in free {
+            let released = std(&released(&simple), i);
+            let off = (values[i] - [zero1_bar, 0.0, 0.0][i]).abs();
+            assert!(released >= std(&simple, i) && off < 3.0 * released, "{i}: {values:?}, {off} and {released} bar");
+        }
+        let held = simple.layout.held.iter().filter(|entry| !simple.layout.shapes().contains(entry)).count();
+        assert!(held > 0 && released(&simple).layout.held.len() + held == simple.layout.held.len());
+    }
+}

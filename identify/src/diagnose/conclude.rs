@@ -9,7 +9,7 @@ use super::search::{Found, Name, Search, Step};
 use super::{Added, CONSISTENT, DISAGREE, Diagnosis, EXPLAINED, GROSS, MATERIAL, MOST_EFFECTS, SUBSTANTIAL, Verdict};
 use crate::fit::Fit;
 use crate::misfit::{self, Part};
-use crate::simplify::simplify;
+use crate::simplify::{released, simplify};
 use crate::uncertainty::Uncertainty;
 
 impl Search<'_> {
@@ -143,7 +143,13 @@ impl Search<'_> {
         if names.is_empty() {
             return Ok(Vec::new());
         }
-        let uncertainty = Uncertainty::of(self.problem, fit)?;
+        let alone = Uncertainty::of(self.problem, fit)?;
+        let open = released(fit);
+        let beside = match open.layout.held.len() < fit.layout.held.len() {
+            true => Some(Uncertainty::of(self.problem, &open)?),
+            false => None,
+        };
+        let std = |entry: usize| beside.iter().map(|b| b.of_entry(entry)).fold(alone.of_entry(entry), f64::max);
         Ok(names
             .iter()
             .map(|name| {
@@ -158,7 +164,7 @@ impl Search<'_> {
                     probability: name.probability,
                     equivalent: name.equivalent.clone(),
                     values: fit.point.theta[entries.clone()].to_vec(),
-                    std: entries.map(|i| uncertainty.of_entry(i)).collect(),
+                    std: entries.map(std).collect(),
                 }
             })
             .collect())
