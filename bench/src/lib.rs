@@ -26,6 +26,8 @@ pub mod next;
 pub mod operator;
 pub mod progress;
 pub mod recorder;
+#[cfg(test)]
+mod refusing;
 pub mod report;
 pub mod rig_file;
 pub mod runner;

@@ -7,7 +7,7 @@ use crate::failure::{Failure, Kind};
 use crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use ratatui::DefaultTerminal;
 use recordings::Severity;
-use rt_core::{RunCommand, send_command};
+use rt_core::{Answer, RunCommand, send_command};
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc;
@@ -145,7 +145,10 @@ impl Monitor {
         let (instance, answers) = (self.state.instance.clone(), self.answers.0.clone());
         let send = move || {
             let said = match send_command(&instance, command, PATIENCE) {
-                Ok(_) => (Severity::Info, format!("{name} was taken by the run")),
+                Ok(Answer { taken: Ok(_), .. }) => (Severity::Info, format!("{name} was taken by the run")),
+                Ok(Answer { taken: Err(refusal), .. }) => {
+                    (Severity::Error, format!("{name} was NOT taken, the run goes on: {refusal}"))
+                }
                 Err(error) => (Severity::Error, format!("{name} did not arrive: {error}")),
             };
             // A monitor that was left meanwhile shows nothing any more.
@@ -168,7 +171,11 @@ mod tests {
     use super::*;
 
     fn monitor(control: bool) -> Monitor {
-        let state = State::new(&format!("test-monitor-keys-{}", std::process::id()));
+        monitor_of("keys", control)
+    }
+
+    fn monitor_of(name: &str, control: bool) -> Monitor {
+        let state = State::new(&format!("test-monitor-{name}-{}", std::process::id()));
         Monitor { state, look: Look::new(control, false), answers: mpsc::channel() }
     }
 
@@ -194,6 +201,18 @@ mod tests {
         let (severity, text) = monitor.answers.1.recv().expect("the thread answers");
         assert_eq!(severity, Severity::Error);
         assert!(text.starts_with("stop did not arrive") && text.contains("no running service"), "{text}");
+    }
+
+    #[test]
+    fn a_command_that_was_refused_is_not_told_as_taken() {
+        let mut monitor = monitor_of("refused", true);
+        let instance = monitor.state.instance.clone();
+        crate::refusing::refusing(&instance, rt_core::Refusal::ReadOnly, || {
+            assert_eq!(monitor.pressed(key(KeyCode::Char('E'))), Wish::GoOn);
+            let (severity, text) = monitor.answers.1.recv().expect("the thread answers");
+            assert_eq!(severity, Severity::Error);
+            assert!(text.starts_with("emergency stop was NOT taken") && text.contains("read-only"), "{text}");
+        });
     }
 
     #[test]

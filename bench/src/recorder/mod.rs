@@ -240,9 +240,10 @@ impl Recorder<'_> {
 /// Asks the service of `instance` for an orderly end of its run. That it was heard is seen in the samples.
 ///
 /// # Errors
-/// No service of this name listens, or answers.
-pub fn ask_to_stop(instance: &str) -> Result<(), LinkError> {
-    send_command(instance, RunCommand::Stop, ANSWER_PATIENCE).map(|_| ())
+/// No service of this name listens, or answers; or it does not take the stop. In words, why.
+pub fn ask_to_stop(instance: &str) -> Result<(), String> {
+    let answer = send_command(instance, RunCommand::Stop, ANSWER_PATIENCE).map_err(|error| error.to_string())?;
+    answer.taken.map(drop).map_err(|refusal| refusal.to_string())
 }
 
 /// The name for the run with this number (from 1), or the next one that is free: a measurement is never overwritten, and the
@@ -255,4 +256,18 @@ fn free_file(out: &Path, number: u32) -> PathBuf {
     let taken = |path: &Path| path.exists() || path.with_extension("mcap.part").exists();
     let names = (number..).map(|n| out.with_file_name(format!("{stem}-{n}.mcap")));
     names.into_iter().find(|path| !taken(path)).expect("there are more names than files")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::refusing::refusing;
+    use rt_core::Refusal;
+
+    #[test]
+    fn a_stop_that_was_refused_was_not_asked_for() {
+        let instance = format!("test-record-refused-{}", std::process::id());
+        let asked = refusing(&instance, Refusal::ReadOnly, || ask_to_stop(&instance));
+        assert_eq!(asked, Err(Refusal::ReadOnly.to_string()));
+    }
 }

@@ -127,7 +127,7 @@ impl Work {
             Message::TripSeen(held) => self.step(Input::TripSeen(held)),
             Message::Unheard(number, why) => {
                 if let Some(run) = self.run.as_mut().filter(|run| run.order.number == number) {
-                    let text = format!("the run's command channel does not answer ({why}): it gets SIGTERM");
+                    let text = format!("the run has not taken the command ({why}): it gets SIGTERM");
                     self.setup.board.note(Severity::Warning, "service", &text, Some((run.order.number, None)));
                     run.terminate();
                 }
