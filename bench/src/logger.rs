@@ -61,8 +61,19 @@ pub struct Recorded {
     pub certificate: LossCertificate,
     /// Reports of the amplifier that are missing in it: they came faster than they were read.
     pub lost_reports: u64,
+    /// Samples that no recording can hold: they are missing in it.
+    pub refused: Refused,
     /// The system refused to write it on. The file may then be a `.part`.
     pub cut_short: Option<CutShort>,
+}
+
+/// Samples that arrived and that no recording can hold.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Refused {
+    /// How many.
+    pub samples: u64,
+    /// Why the first of them was refused.
+    pub first: String,
 }
 
 /// Handle of the logger's thread. One run at a time: [`Logger::begin`], the run, [`Logger::end`].
@@ -182,7 +193,8 @@ fn serve(
             }
         };
         let writer = McapWriter::create(&path, &metadata)?;
-        let mut open = Open { run, writer, recorded: 0, last: None, amplifier: amplifier.as_mut() };
+        let mut open =
+            Open { run, writer, recorded: 0, refused: Refused::default(), last: None, amplifier: amplifier.as_mut() };
         if let Some(amplifier) = &mut open.amplifier {
             amplifier.begin();
         }
@@ -227,9 +239,10 @@ fn serve(
 struct Open<'a> {
     run: u32,
     writer: McapWriter,
-    /// Samples that were handed to the writer.
+    /// Samples that the writer took.
     recorded: u64,
-    /// The newest of them.
+    refused: Refused,
+    /// The newest of those that are recorded.
     last: Option<Sample>,
     amplifier: Option<&'a mut AmplifierLog>,
 }
@@ -250,6 +263,13 @@ impl Open<'_> {
                     self.last = Some(*sample);
                 }
                 Err(CampaignError::CutShort(cut)) => on_cut(&cut),
+                // One sample that can't be recorded is no reason to lose those after it.
+                Err(error @ CampaignError::Content(_)) => {
+                    if self.refused.samples == 0 {
+                        self.refused.first = error.to_string();
+                    }
+                    self.refused.samples += 1;
+                }
                 Err(error) => return Err(error.into()),
             }
         }
@@ -280,16 +300,24 @@ impl Open<'_> {
         let written = self.end_reports();
         let lost_reports = *written.as_ref().unwrap_or(&0);
         let written = written.and_then(|_| events.iter().try_for_each(|event| self.writer.write_event(event)));
-        let finished = written.and_then(|()| self.writer.finish(&arrived));
+        let refused = self.refused;
+        let certificate = if refused.samples == 0 {
+            arrived
+        } else {
+            // What arrived and was refused is missing in the file all the same.
+            let LossCertificate { run, expected, end_seen, .. } = arrived;
+            LossCertificate { run, end_seen, ..self.writer.certificate(expected) }
+        };
+        let finished = written.and_then(|()| self.writer.finish(&certificate));
         match finished {
-            Ok(path) => Ok(Recorded { path, certificate: arrived, lost_reports, cut_short: None }),
+            Ok(path) => Ok(Recorded { path, certificate, lost_reports, refused, cut_short: None }),
             Err(CampaignError::CutShort(cut)) => {
                 if !cut_before {
                     on_cut(&cut);
                 }
-                let LossCertificate { run, expected, end_seen, .. } = arrived;
+                let LossCertificate { run, expected, end_seen, .. } = certificate;
                 let certificate = LossCertificate { run, end_seen, ..cut.of_run(expected) };
-                Ok(Recorded { path: cut.file.clone(), certificate, lost_reports, cut_short: Some(cut) })
+                Ok(Recorded { path: cut.file.clone(), certificate, lost_reports, refused, cut_short: Some(cut) })
             }
             Err(error) => Err(error.into()),
         }

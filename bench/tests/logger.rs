@@ -81,6 +81,39 @@ fn a_gap_is_certified_not_hidden_and_the_next_run_is_whole_again() {
 }
 
 #[test]
+fn a_sample_that_no_recording_can_hold_is_left_out_certified_and_costs_no_other() {
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    let (mut publication, mut logger) = start("logger-infinite");
+    let path = dir.path().join("a.mcap");
+    logger.begin(0, path.clone(), metadata(), |_| {}).expect("a new file");
+    publish(&mut publication, 0, 0..50, None);
+    for tick in [50, 51] {
+        publication.publish(&Sample { pressure1_bar: f64::INFINITY, ..sample(0, tick, false) });
+    }
+    publish(&mut publication, 0, 52..100, None);
+    // The last one is refused, too: that it is the last is known all the same.
+    publication.publish(&Sample { angle_deg: f64::NEG_INFINITY, ..sample(0, 100, true) });
+    publication.settle(PATIENCE).expect("the logger takes it");
+    let recorded = logger.end(0, Some(101), vec![]).expect("closed");
+    let expected = "98 of 101 samples; missing samples 50..=51, 100..=100";
+    assert_eq!(recorded.certificate.to_string(), expected);
+    assert_eq!(recorded.refused.samples, 3);
+    assert!(recorded.refused.first.contains("tick 50, pressure1_bar"), "{}", recorded.refused.first);
+    let mut reader = McapReader::open(&path).expect("readable");
+    let ticks = (&mut reader).filter_map(|item| match item.expect("sound") {
+        Item::Sample(sample) => Some(sample.tick),
+        _ => None,
+    });
+    assert!(ticks.eq((0..50).chain(52..100)));
+    assert_eq!(reader.certificate().map(ToString::to_string).as_deref(), Some(expected));
+
+    logger.begin(1, dir.path().join("b.mcap"), metadata(), |_| {}).expect("the logger goes on");
+    publish(&mut publication, 1, 0..10, Some(9));
+    let recorded = logger.end(1, Some(10), vec![]).expect("closed");
+    assert!(recorded.certificate.is_lossless() && recorded.refused.samples == 0, "{}", recorded.certificate);
+}
+
+#[test]
 fn a_run_whose_last_samples_are_lost_is_not_certified_whole() {
     let dir = tempfile::tempdir().expect("a temporary folder");
     let (mut publication, mut logger) = start("logger-tail");

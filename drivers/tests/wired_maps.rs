@@ -227,6 +227,28 @@ fn encoder(database: &Database, angle_deg: f64, counter: f64) -> Frame {
 }
 
 #[test]
+fn an_infinite_value_on_the_wire_is_none_and_called_wrong_until_a_number_comes() {
+    let (settings, database) = settings();
+    let mut bench = InputMap::new(&settings, &database).unwrap();
+    let (message, torque) = database.signal("CLAMP.TorqueNm").unwrap();
+    for (torque_nm, counter) in [(f64::INFINITY, 1.0), (f64::NEG_INFINITY, 2.0), (12.5, 3.0)] {
+        let mut frame = Frame::new(message.id, &vec![0; message.length]).unwrap();
+        torque.codec.encode(torque_nm, frame.data_mut()).unwrap();
+        for (name, value) in [("CLAMP.Counter", counter), ("CLAMP.Present", 1.0)] {
+            database.signal(name).unwrap().1.codec.encode(value, frame.data_mut()).unwrap();
+        }
+        bench.take(&TimedFrame { frame, received_ns: 0 }, Some(counter as u64));
+        let read = bench.measurement(Tick::at(4), 0);
+        if torque_nm.is_infinite() {
+            assert!(read.torque_nm.is_nan());
+            assert_eq!(read.faulty, Input::Torque.bit());
+        } else {
+            assert_eq!((read.torque_nm, read.faulty), (torque_nm, 0));
+        }
+    }
+}
+
+#[test]
 fn an_older_answer_that_comes_later_is_left_out_and_a_missing_one_grows_old() {
     let (settings, database) = settings();
     let mut bench = InputMap::new(&settings, &database).unwrap();

@@ -139,7 +139,7 @@ impl Cycle<'_> {
 
         let demand = operator.demand(now);
         let stopping = demand == Demand::Stop || (self.overrun && self.run.overrun == OverrunPolicy::Abort);
-        let mut measured = device.read(now)?;
+        let mut measured = device.read(now)?.without_infinities();
         let read_ns = lap.split(*clock);
         supervisor.check(now, demand, &measured);
         let check_ns = lap.split(*clock);

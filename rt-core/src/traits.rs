@@ -82,7 +82,7 @@ pub trait Device {
     /// A run begins. `origin_ns` is its tick 0 on `CLOCK_MONOTONIC`, 0 in virtual time: what a device with times of its own needs
     /// to say how old a value is at a tick.
     fn begin_run(&mut self, _origin_ns: u64) {}
-    /// The sensors at this tick.
+    /// The sensors at this tick. The loop takes an infinite value for a missing one that the device calls wrong.
     fn read(&mut self, now: Tick) -> Result<Measurement, DeviceError>;
     /// The command that acts from this tick on.
     fn write(&mut self, now: Tick, command: &Command) -> Result<(), DeviceError>;

@@ -36,8 +36,8 @@ fn causes() -> Vec<Cause> {
     vec![
         cause("p1 low", Pressure1, Below(0.5), |rig| forge(rig, |m| m.pressure1_bar = 0.4)),
         cause("p1 high", Pressure1, Above(3.0), |rig| forge(rig, |m| m.pressure1_bar = 3.1)),
-        cause("p2 low", Pressure2, Below(0.5), |rig| forge(rig, |m| m.pressure2_bar = f64::NEG_INFINITY)),
-        cause("p2 high", Pressure2, Above(3.0), |rig| forge(rig, |m| m.pressure2_bar = f64::INFINITY)),
+        cause("p2 low", Pressure2, Below(0.5), |rig| forge(rig, |m| m.pressure2_bar = f64::MIN)),
+        cause("p2 high", Pressure2, Above(3.0), |rig| forge(rig, |m| m.pressure2_bar = f64::MAX)),
         cause("angle left", Angle, Below(-60.0), |rig| forge(rig, |m| m.angle_deg = -60.1)),
         cause("angle right", Angle, Above(60.0), |rig| forge(rig, |m| m.angle_deg = 60.1)),
         cause("velocity", Velocity, Below(-1000.0), |rig| forge(rig, |m| m.angle_deg = -10.1)),
@@ -45,6 +45,7 @@ fn causes() -> Vec<Cause> {
         after_three(cause("p1 missing", Pressure1, Missing(3), |rig| forge(rig, |m| m.pressure1_bar = f64::NAN))),
         after_three(cause("angle missing", Angle, Missing(3), |rig| forge(rig, |m| m.angle_deg = f64::NAN))),
         after_three(cause("p2 faulty", Pressure2, Missing(3), |rig| forge(rig, |m| m.faulty = Input::Pressure2.bit()))),
+        after_three(cause("p2 infinite", Pressure2, Missing(3), |rig| forge(rig, |m| m.pressure2_bar = f64::INFINITY))),
         cause("p2 stale", Pressure2, Stale(20.0), |rig| forge(rig, |m| m.age_ns[2] = 20_000_001)),
         cause("heartbeat", Heartbeat, Stale(100.0), |rig| forge(rig, |m| m.heartbeat_age_ns = 100_000_001)),
         cause("voltage above", Voltage, Above(48.0), |rig| rig.follow.answer = Some((FROM, 48.1))),

@@ -8,7 +8,7 @@ pub use judged::{certify, judge};
 use crate::events::{aftermath, events_of, timeouts_of};
 use crate::failure::{Failure, Kind};
 use crate::incident::Incidents;
-use crate::logger::Logger;
+use crate::logger::{self, Logger};
 use crate::machine;
 use crate::operator::{self, Crier, People};
 use crate::progress::Progress;
@@ -343,6 +343,10 @@ impl Runner {
         step.finish();
         if recorded.lost_reports > 0 {
             progress.say(&format!("{} reports of the amplifier are missing in the recording", recorded.lost_reports));
+        }
+        if recorded.refused.samples > 0 {
+            let logger::Refused { samples, first } = &recorded.refused;
+            progress.say(&format!("{samples} samples could not be recorded and are left out, the first: {first}"));
         }
         progress.result(&format!("{}: {}", plan.script.name, recorded.certificate));
         // First what happened to the rig, then what happened to the data.

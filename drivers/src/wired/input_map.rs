@@ -166,7 +166,10 @@ impl Mapped {
             _ => arrived,
         };
         let value = if absent { f64::NAN } else { self.gain * raw + self.offset };
-        Some(Reading { value, faulty: said(self.fault).is_some_and(|fault| fault != 0.0), measured })
+        // A float on the wire may be infinite, or become it by its gain: whatever the node says of it, it is no measurement.
+        let infinite = value.is_infinite();
+        let faulty = infinite || said(self.fault).is_some_and(|fault| fault != 0.0);
+        Some(Reading { value: if infinite { f64::NAN } else { value }, faulty, measured })
     }
 }
 

@@ -113,6 +113,27 @@ impl Measurement {
         }
     }
 
+    fn value_mut(&mut self, input: Input) -> &mut f64 {
+        match input {
+            Input::Angle => &mut self.angle_deg,
+            Input::Pressure1 => &mut self.pressure1_bar,
+            Input::Pressure2 => &mut self.pressure2_bar,
+            Input::Torque => &mut self.torque_nm,
+            Input::Volume => &mut self.volume_ml,
+        }
+    }
+
+    /// The same where an infinite value is none, and called wrong: nothing measures infinity, and no recording holds it.
+    pub fn without_infinities(mut self) -> Measurement {
+        for input in Input::ALL {
+            if self.value(input).is_infinite() {
+                *self.value_mut(input) = f64::NAN;
+                self.faulty |= input.bit();
+            }
+        }
+        self
+    }
+
     /// Whether there is a value that the device does not call wrong.
     pub fn is_valid(&self, input: Input) -> bool {
         self.value(input).is_finite() && self.faulty & input.bit() == 0
@@ -224,6 +245,20 @@ impl SafeState {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_infinite_value_is_none_and_called_wrong() {
+        for input in Input::ALL {
+            for infinite in [f64::INFINITY, f64::NEG_INFINITY] {
+                let mut measured = Measurement { angle_deg: 1.0, torque_nm: f64::MAX, ..Measurement::NONE };
+                *measured.value_mut(input) = infinite;
+                let others = measured.valid();
+                let seen = measured.without_infinities();
+                assert!(seen.value(input).is_nan() && !seen.is_valid(input));
+                assert_eq!((seen.faulty, seen.valid()), (input.bit(), others), "the others are as they were");
+            }
+        }
+    }
 
     #[test]
     fn a_value_is_valid_when_it_is_there_and_not_called_wrong() {
