@@ -5,7 +5,7 @@ use crate::logger::LoggerError;
 use crate::progress::Progress;
 use recordings::CampaignError;
 use rt_core::system::Report;
-use rt_core::{Ended, LossCertificate, RunReport};
+use rt_core::{Ended, LoopError, LossCertificate, RunReport};
 
 /// What the system refuses is said once with the remedy, or ends the command.
 pub(super) fn say_refusals(report: &Report, required: bool, say: bool, progress: &Progress) -> Result<(), Failure> {
@@ -56,6 +56,18 @@ pub fn certify(name: &str, certificate: &LossCertificate) -> Result<(), Failure>
     Err(Failure::new(Kind::Loss, format!("{name}: {certificate}; the recording can't be used, run it again")))
 }
 
+/// The failure of a run whose data are `lost` besides: what happened to the rig decides its kind and comes first in its words.
+pub(super) fn rig_first(name: &str, outcome: &Result<RunReport, LoopError>, lost: Failure) -> Failure {
+    let rig = match outcome {
+        Ok(report) => judge(name, report).err(),
+        Err(error) => Some(Failure::of(Kind::Device, error)),
+    };
+    match rig {
+        Some(rig) => Failure::new(rig.kind, format!("{rig}; its recording failed, too: {lost}")),
+        None => lost,
+    }
+}
+
 /// What kind of failure a logger that can't go on is.
 pub(super) fn failure_of(error: &LoggerError) -> Failure {
     let kind = match error {
@@ -70,6 +82,33 @@ pub(super) fn failure_of(error: &LoggerError) -> Failure {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rt_core::{Breach, Channel, DeviceError, Statistics, Trip};
+
+    #[test]
+    fn a_lost_recording_hides_nothing_of_what_happened_to_the_rig() {
+        let lost = || failure_of(&LoggerError::Thread("gave no answer".to_owned()));
+        let report = |ended, trip| RunReport { run: 0, ended, trip, statistics: Statistics::default() };
+        let completed = Ok(report(Ended::Completed, None));
+        assert_eq!(rig_first("a", &completed, lost()), lost(), "nothing happened to the rig");
+
+        let trip = Trip { tick: 7, channel: Channel::Pressure1, value: 9.0, breach: Breach::Above(6.0) };
+        let tripped = rig_first("a", &Ok(report(Ended::Tripped, Some(trip))), lost());
+        assert_eq!(tripped.kind, Kind::Safety);
+        assert!(tripped.message.ends_with(&lost().message), "{tripped}");
+
+        let failed = |what: &str| DeviceError { device: "bus", tick: 7, what: what.to_owned() };
+        let broken = LoopError::Device {
+            run: 0,
+            source: failed("silent"),
+            safe_state: Err(failed("gone")),
+            statistics: Box::default(),
+        };
+        let broken = rig_first("a", &Err(broken), lost());
+        assert_eq!(broken.kind, Kind::Device);
+        for part in ["silent", "safe state: NOT written", &lost().message] {
+            assert!(broken.message.contains(part), "{part:?} is not in: {broken}");
+        }
+    }
 
     #[test]
     fn lost_samples_are_exit_code_6() {

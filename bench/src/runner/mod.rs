@@ -16,7 +16,7 @@ use crate::recorder::{OnFull, ask_to_stop};
 use crate::rig_file::RigRecord;
 use crate::setup::{Knowledge, Setup};
 use drivers::journal::{Journal, JournalReader, Occurrence, Severity};
-use judged::{failure_of, say_refusals};
+use judged::{failure_of, rig_first, say_refusals};
 use profiles::{Hands, Script};
 use recordings::RunMetadata;
 use rt_core::announce::Announcer;
@@ -339,8 +339,13 @@ impl Runner {
         events.extend(timeouts_of(&playback));
         events.extend(incidents.events());
         events.extend(events_of(&noted, origin_ns, journals.untaken()));
-        let recorded = logger.end(run.number, ticks, events).map_err(|e| failure_of(&e))?;
+        let recorded = logger.end(run.number, ticks, events);
         step.finish();
+        // First what happened to the rig, then what happened to the data: a lost recording must not hide a trip or an unsafe rig.
+        let recorded = match recorded {
+            Ok(recorded) => recorded,
+            Err(lost) => return Err(rig_first(&plan.script.name, &outcome, failure_of(&lost))),
+        };
         if recorded.lost_reports > 0 {
             progress.say(&format!("{} reports of the amplifier are missing in the recording", recorded.lost_reports));
         }
@@ -349,9 +354,10 @@ impl Runner {
             progress.say(&format!("{samples} samples could not be recorded and are left out, the first: {first}"));
         }
         progress.result(&format!("{}: {}", plan.script.name, recorded.certificate));
-        // First what happened to the rig, then what happened to the data.
+        if let Err(unsettled) = settled {
+            return Err(rig_first(&plan.script.name, &outcome, Failure::of(Kind::Loss, &unsettled)));
+        }
         let report = outcome.map_err(|e| Failure::of(Kind::Device, &e))?;
-        settled.map_err(|e| Failure::of(Kind::Loss, &e))?;
         Ok(Finished { report, certificate: recorded.certificate, incidents: incidents.files() })
     }
 
