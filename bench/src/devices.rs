@@ -3,16 +3,17 @@
 
 use crate::emulation::rig_for;
 use crate::failure::{Failure, Kind};
+use crate::operator;
 use crate::rig_file::DeviceSpec;
 use crate::runner::Mode;
 use drivers::dbc::Database;
 use drivers::faults::Faulty;
 use drivers::journal::JournalReader;
-use drivers::wired::{Preparation, WiredRig};
+use drivers::wired::{Preparation, WiredError, WiredRig};
 use model::ModelFile;
 use profiles::{Hands, Plane, Script};
 use rt_core::system::{self, Request};
-use rt_core::{Device, SafeState};
+use rt_core::{Device, SafeState, Switches};
 
 /// The I/O threads' priority lies below the loop's by this much: the loop preempts them.
 const IO_BELOW: u8 = 5;
@@ -68,7 +69,7 @@ impl Devices {
     /// The device at the start of run number `run` of the session, prepared as the script asks, with the faults that it asks for.
     ///
     /// # Errors
-    /// A rig that can't be made (2, 4); a rig on wires that is not ready (4).
+    /// A rig that can't be made (2, 4); a rig on wires that is not ready (4); a stop (130) or an emergency stop (5), which arms nothing.
     pub fn prepare<'a>(
         &'a mut self,
         script: &Script,
@@ -76,11 +77,18 @@ impl Devices {
         run: usize,
         safe_state: SafeState,
         journals: &mut JournalReader,
+        switches: &Switches,
     ) -> Result<Box<dyn Device + Send + 'a>, Failure> {
+        operator::still_wanted(script, switches)?;
         let device: Box<dyn Device + Send + 'a> = match self {
             Devices::Emulated { plant } => Box::new(rig_for(plant, script, seed, run)?),
             Devices::Wired(rig) => {
-                rig.prepare(preparation(script, run)).map_err(|e| Failure::of(Kind::Device, &e))?;
+                if let Err(error) = rig.prepare(preparation(script, run), switches) {
+                    if matches!(error, WiredError::Stopped) {
+                        operator::still_wanted(script, switches)?;
+                    }
+                    return Err(Failure::of(Kind::Device, &error));
+                }
                 Box::new(&mut **rig)
             }
         };

@@ -171,6 +171,21 @@ pub fn require(script: &Script, context: &Context, nobody: bool, virtual_time: b
     Err(Failure::new(Kind::Input, message))
 }
 
+/// Whether a run may still be begun. Until the loop runs nobody else looks at the switches, and a rig that is prepared is armed.
+///
+/// # Errors
+/// An emergency stop (5) or a stop (130) was asked for.
+pub fn still_wanted(script: &Script, switches: &Switches) -> Result<(), Failure> {
+    if switches.emergency_stop.load(Ordering::Relaxed) {
+        let message = format!("{}: emergency stop before the run; it was not begun", script.name);
+        return Err(Failure::new(Kind::Safety, message));
+    }
+    if switches.stop.load(Ordering::Relaxed) {
+        return Err(Failure::new(Kind::Interrupted, format!("{}: stopped before the run", script.name)));
+    }
+    Ok(())
+}
+
 /// Asks people to prepare the rig for a script, and waits until they confirm.
 ///
 /// # Errors
@@ -188,12 +203,8 @@ pub fn ask_to_prepare(
     set_open(&text);
     progress.say(&told(&text, None, instance));
     let outcome = loop {
-        if switches.emergency_stop.load(Ordering::Relaxed) {
-            let message = format!("{}: emergency stop before the run; it was not begun", script.name);
-            break Err(Failure::new(Kind::Safety, message));
-        }
-        if switches.stop.load(Ordering::Relaxed) {
-            break Err(Failure::new(Kind::Interrupted, format!("{}: stopped before the run", script.name)));
+        if let Err(asked) = still_wanted(script, switches) {
+            break Err(asked);
         }
         if switches.confirmations.take(Tick::at(0), waiting, &Measurement::NONE).is_some() {
             break Ok(());

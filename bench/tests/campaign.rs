@@ -1,9 +1,12 @@
 //! A campaign from script to folder, over shared memory, with a device whose every answer is known.
 
+use bench::campaign::known::Known;
 use bench::campaign::{Session, Settings};
+use bench::devices::Devices;
 use bench::failure::Kind;
 use bench::progress::Progress;
 use bench::setup::Knowledge;
+use model::{ModelFile, Parameters};
 use profiles::Script;
 use recordings::{Campaign, Plane, Protocol, Recording, RigFacts, Role};
 use rt_core::{Command, Device, DeviceError, Limits, Measurement, Switches, Tick};
@@ -154,6 +157,32 @@ fn a_stop_is_130_and_zeroes_the_output() {
     let outcome = session.run(&script, &mut device, &Knowledge::Nothing, &switches, &Progress::for_stderr());
     assert_eq!(outcome.expect_err("it was stopped").kind, Kind::Interrupted);
     assert_eq!(device.written.last().map(|c| (c.voltage_v, c.brake_open)), Some((0.0, false)));
+}
+
+/// Runs one script on the emulated rig as a campaign does, in a session whose folder is there already.
+fn run_all(dir: &Path, switches: &Switches) -> Result<(), bench::failure::Failure> {
+    let _one = ONE.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+    let progress = Progress::for_stderr();
+    let mut session = Session::open(settings(dir.to_owned()), &progress).expect("shared memory is there");
+    let plant = ModelFile::plain(Parameters::example());
+    let mut devices = Devices::Emulated { plant: Box::new(plant) };
+    let known = Known::at_first(Knowledge::Nothing, bench::controller::Settings::default());
+    let outcome = session.run_all(&[script("run_0", 0.5)], &[false], &mut devices, known, switches, &progress);
+    session.finish().expect("the publication ends");
+    outcome
+}
+
+#[test]
+fn a_stop_or_an_emergency_stop_between_runs_keeps_the_next_one_from_being_prepared() {
+    for (emergency, kind) in [(true, Kind::Safety), (false, Kind::Interrupted)] {
+        let dir = tempfile::tempdir().expect("a temporary folder");
+        let switches = Switches::new();
+        if emergency { &switches.emergency_stop } else { &switches.stop }.store(true, Ordering::Relaxed);
+        let failure = run_all(dir.path(), &switches).expect_err("nothing is begun");
+        assert_eq!(failure.kind, kind, "{failure}");
+        assert!(failure.message.contains("run_0") && failure.message.contains("the same command"), "{failure}");
+        assert_eq!(std::fs::read_dir(dir.path()).expect("there").count(), 0, "no recording was begun");
+    }
 }
 
 #[test]

@@ -11,12 +11,13 @@ use drivers::emulated::Settings as Emulated;
 use drivers::faults::Faulty;
 use drivers::journal::JournalReader;
 use drivers::nodes::{self, Emulator, EmulatorSettings, PlantFactory};
-use drivers::wired::{Preparation, Settings, WiredRig};
+use drivers::wired::{Preparation, Settings, WiredError, WiredRig};
 use drivers::{EmulatedError, EmulatedRig};
 use model::Parameters;
 use model::effects::EffectSet;
 use rt_core::system::time::{monotonic_ns, sleep_until_ns};
-use rt_core::{Command, Device, Fixture, Input, Measurement, SafeState, Tick};
+use rt_core::{Command, Device, Fixture, Input, Measurement, SafeState, Switches, Tick};
+use std::sync::atomic::Ordering;
 use std::sync::{Mutex, MutexGuard};
 use std::time::Duration;
 use tempfile::TempDir;
@@ -107,7 +108,7 @@ impl Wired {
     /// What every device on these wires needs before a run.
     fn prepare(&mut self, rig: &mut WiredRig) -> Result<u64, Trouble> {
         self.run = self.run.wrapping_add(1);
-        rig.prepare(Preparation { run: self.run, vertical: false, fill_bar: 2.8, start: START })?;
+        rig.prepare(Preparation { run: self.run, vertical: false, fill_bar: 2.8, start: START }, &Switches::new())?;
         self.origin_ns = monotonic_ns() + LEAD_NS;
         Ok(self.origin_ns)
     }
@@ -293,6 +294,32 @@ fn fault_injection_without_faults_around_the_wired_rig_keeps_it_too() {
     let exempt =
         contract::check(&mut subject).unwrap_or_else(|violation| panic!("{violation}\n{}", told(&mut subject.0)));
     assert_eq!(exempt, []);
+}
+
+#[test]
+fn a_stop_keeps_the_rig_from_being_prepared_and_ends_a_preparation_that_waits() {
+    let mut wired = Wired::new("vesc", None, USUAL);
+    let mut rig = wired.rig(None).unwrap();
+    let preparation = Preparation { run: 1, vertical: false, fill_bar: 2.8, start: START };
+    for emergency in [false, true] {
+        let switches = Switches::new();
+        let thrown = if emergency { &switches.emergency_stop } else { &switches.stop };
+        thrown.store(true, Ordering::Relaxed);
+        assert!(matches!(rig.prepare(preparation, &switches), Err(WiredError::Stopped)), "before anything is sent");
+
+        // Where nodes are silent the preparation would end by its patience, with another error.
+        thrown.store(false, Ordering::Relaxed);
+        wired.emulator.inject(nodes::Trouble::NodesSilent(true));
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                std::thread::sleep(Duration::from_millis(100));
+                thrown.store(true, Ordering::Relaxed);
+            });
+            assert!(matches!(rig.prepare(preparation, &switches), Err(WiredError::Stopped)), "while it waits");
+        });
+        wired.emulator.inject(nodes::Trouble::NodesSilent(false));
+    }
+    wired.prepare(&mut rig).unwrap(); // it can be armed again
 }
 
 #[test]

@@ -7,6 +7,7 @@ use super::plan::file_of;
 use super::set_aside::set_aside;
 use crate::devices::Devices;
 use crate::failure::{Failure, Kind};
+use crate::operator;
 use crate::progress::Progress;
 use crate::recorder::OnFull;
 use crate::rig_file::RigRecord;
@@ -19,7 +20,6 @@ use rt_core::{Device, Limits, LossCertificate, SafeState, Switches};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::str::FromStr;
-use std::sync::atomic::Ordering;
 
 /// What a session is about.
 #[derive(Clone, Debug)]
@@ -143,10 +143,10 @@ impl Session {
         let mut outlook = Outlook::new(scripts.iter().map(Script::duration_bound_s).collect(), there.clone());
         self.keep(scripts, &there)?;
         for (number, script) in scripts.iter().enumerate().filter(|(number, _)| !there[*number]).collect::<Vec<_>>() {
-            if switches.stop.load(Ordering::Relaxed) {
-                let message = format!("stopped before {}; the same command goes on from there", script.name);
-                return Err(Failure::new(Kind::Interrupted, message));
-            }
+            operator::still_wanted(script, switches).map_err(|mut asked| {
+                asked.message.push_str("; the same command goes on from there");
+                asked
+            })?;
             nothing_there(&self.campaign.dir, [script.name.as_str()].into_iter())?;
             progress.say(&outlook.announce(number, &script.name));
             let before = Campaign { runs: entries(&scripts[..number], &there)?, ..self.campaign.clone() };
@@ -174,7 +174,8 @@ impl Session {
         self.runner.number_from(number as u32);
         self.runner.operated_by(devices.hands());
         self.runner.ask_to_prepare(script, switches, progress)?;
-        let mut device = devices.prepare(script, self.seed, number, self.safe_state, self.runner.journals())?;
+        let mut device =
+            devices.prepare(script, self.seed, number, self.safe_state, self.runner.journals(), switches)?;
         self.run(script, &mut *device, knowledge, switches, progress).map(drop)
     }
 

@@ -110,7 +110,7 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     };
     let finished = listening(&args.instance, switches, progress, || {
         runner.ask_to_prepare(&script, switches, progress)?;
-        let mut device = devices.prepare(&script, args.seed, 0, rig.limits.safe_state, runner.journals())?;
+        let mut device = devices.prepare(&script, args.seed, 0, rig.limits.safe_state, runner.journals(), switches)?;
         runner.run(&plan, &mut *device, switches, progress)
     })?;
     drop(devices);

@@ -250,7 +250,8 @@ impl Extended {
             notes: &notes,
         };
         let finished = {
-            let mut device = devices.prepare(&script, seed, number, rig.limits.safe_state, runner.journals())?;
+            let mut device =
+                devices.prepare(&script, seed, number, rig.limits.safe_state, runner.journals(), switches)?;
             runner.run(&plan, &mut *device, switches, progress)?
         };
         runner.finish()?;

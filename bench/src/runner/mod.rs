@@ -200,10 +200,10 @@ impl Runner {
     /// device is prepared, which arms the amplifier.
     ///
     /// # Errors
-    /// A stop (130) or an emergency stop (5) meanwhile.
+    /// A stop (130) or an emergency stop (5) before it or meanwhile, whoever prepares the rig.
     pub fn ask_to_prepare(&mut self, script: &Script, switches: &Switches, progress: &Progress) -> Result<(), Failure> {
         match self.hands {
-            Hands::Rig => Ok(()),
+            Hands::Rig => operator::still_wanted(script, switches),
             Hands::People => operator::ask_to_prepare(script, &self.instance, switches, &mut self.people, progress),
         }
     }

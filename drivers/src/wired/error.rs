@@ -23,6 +23,9 @@ pub enum WiredError {
     /// The rig does not answer as it must before a run may begin.
     #[error("the rig is not ready: {0}")]
     NotReady(String),
+    /// Somebody asked for a stop or an emergency stop while the rig was prepared.
+    #[error("a stop was asked for before the rig was prepared: it is not armed, and its safe state is commanded")]
+    Stopped,
 }
 
 impl WiredError {
@@ -31,7 +34,7 @@ impl WiredError {
         match self {
             WiredError::Mapping(_) | WiredError::Amplifier(_) => true,
             WiredError::Serial(error) => error.is_configuration(),
-            WiredError::Can(_) | WiredError::NotReady(_) => false,
+            WiredError::Can(_) | WiredError::NotReady(_) | WiredError::Stopped => false,
         }
     }
 }

@@ -11,7 +11,7 @@ use crate::dbc::Database;
 use crate::journal::JournalReader;
 use crate::serial::SerialLink;
 use rt_core::system::time::monotonic_ns;
-use rt_core::{Command, Device, DeviceError, Fixture, Measurement, SafeState, Tick};
+use rt_core::{Command, Demand, Device, DeviceError, Fixture, Measurement, Operator, SafeState, Switches, Tick};
 use std::fmt::Write;
 use std::time::Duration;
 
@@ -108,11 +108,17 @@ impl WiredRig {
     }
 
     /// Prepares the rig for a run and arms the amplifier: to begin a run is the operator's word. Sends the start command at 0 V
-    /// until every sensor has answered it and every heartbeat was heard. Waits; not for the loop's thread.
+    /// until every sensor has answered it and every heartbeat was heard. Waits; not for the loop's thread. As long as the loop does not run
+    /// yet nobody else looks at the switches: one that is thrown keeps the rig from being armed, or lets it go again.
     ///
     /// # Errors
-    /// Who is silent, after three seconds; a bus that is off or down; an amplifier that is gone or reports a fault.
-    pub fn prepare(&mut self, preparation: Preparation) -> Result<(), WiredError> {
+    /// Who is silent, after three seconds; a bus that is off or down; an amplifier that is gone or reports a fault; a stop.
+    pub fn prepare(&mut self, preparation: Preparation, switches: &Switches) -> Result<(), WiredError> {
+        let mut switches = switches;
+        let mut stopped = move || switches.demand(Tick::at(0)) != Demand::None;
+        if stopped() {
+            return Err(WiredError::Stopped);
+        }
         self.preparation = Some(preparation);
         self.commanded = None;
         self.inputs.forget();
@@ -124,6 +130,11 @@ impl WiredRig {
         // Counters of a preparation are far from those of a run's first ticks.
         let half = self.outputs.modulus() / 2;
         for cycle in 0.. {
+            if stopped() {
+                self.let_go();
+                self.amplifier.disarm();
+                return Err(WiredError::Stopped);
+            }
             self.send(&preparation.start, half + cycle % half, false)
                 .map_err(|error| WiredError::NotReady(format!("the start can't be commanded: {error}")))?;
             std::thread::sleep(PREPARATION_PERIOD);
@@ -145,6 +156,18 @@ impl WiredRig {
             }
         }
         Ok(())
+    }
+
+    /// Commands the safe state until the nodes must have heard it, with 0 V.
+    fn let_go(&mut self) {
+        let (fixture, segment) = self.acting;
+        let safe = self.safe_state.command(fixture, segment);
+        let half = self.outputs.modulus() / 2;
+        for counter in 0..FAREWELLS {
+            // What can't be encoded was refused before.
+            let _ = self.send(&safe, half + u64::from(counter), false);
+            std::thread::sleep(PREPARATION_PERIOD);
+        }
     }
 
     /// Who must still be heard before a run may begin.
@@ -269,13 +292,6 @@ impl Device for WiredRig {
 
 impl Drop for WiredRig {
     fn drop(&mut self) {
-        let (fixture, segment) = self.acting;
-        let safe = self.safe_state.command(fixture, segment);
-        let half = self.outputs.modulus() / 2;
-        for counter in 0..FAREWELLS {
-            // What can't be encoded was refused before.
-            let _ = self.send(&safe, half + u64::from(counter), false);
-            std::thread::sleep(PREPARATION_PERIOD);
-        }
+        self.let_go();
     }
 }
