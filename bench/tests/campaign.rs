@@ -186,6 +186,19 @@ fn a_stop_or_an_emergency_stop_between_runs_keeps_the_next_one_from_being_prepar
 }
 
 #[test]
+fn a_whole_recording_stays_where_it_is_though_the_campaign_s_file_can_t_be_written() {
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    // A folder that is not empty is replaced by no file.
+    std::fs::create_dir_all(dir.path().join("campaign.toml/in_the_way")).expect("a folder");
+    let failure = run_all(dir.path(), &Switches::new()).expect_err("campaign.toml can't be written");
+    assert_eq!(failure.kind, Kind::Input, "{failure}");
+    assert!(failure.message.contains("campaign.toml"), "{failure}");
+    let reader = recordings::McapReader::open(&dir.path().join("run_0.mcap")).expect("the recording is there");
+    assert!(reader.certificate().is_none_or(rt_core::LossCertificate::is_lossless));
+    assert!(!dir.path().join("set_aside").exists());
+}
+
+#[test]
 fn a_campaign_is_never_overwritten() {
     let dir = tempfile::tempdir().expect("a temporary folder");
     record(dir.path(), vec![Echo::default()]).remove(0).expect("nothing fails");

@@ -97,6 +97,21 @@ impl Session {
         switches: &Switches,
         progress: &Progress,
     ) -> Result<Recorded, Failure> {
+        let recorded = self.record(script, device, knowledge, switches, progress)?;
+        self.campaign.runs.push(recorded.entry.clone());
+        self.write_toml()?;
+        Ok(recorded)
+    }
+
+    /// Runs one script to its end and records it. The campaign does not know of it yet: what fails here is the run's own.
+    fn record(
+        &mut self,
+        script: &Script,
+        device: &mut (dyn Device + Send),
+        knowledge: &Knowledge,
+        switches: &Switches,
+        progress: &Progress,
+    ) -> Result<Recorded, Failure> {
         let entry = entry(script).map_err(|e| Failure::of(Kind::Internal, &e))?;
         let path = self.campaign.dir.join(&entry.file);
         let (seed, u_max_v, notes) = (self.seed, self.campaign.rig.u_max_v, &self.notes);
@@ -104,8 +119,6 @@ impl Session {
         let finished = self.runner.run(&plan, device, switches, progress)?;
         judge(&script.name, &finished.report)?;
         certify(&script.name, &finished.certificate)?;
-        self.campaign.runs.push(entry.clone());
-        self.write_toml()?;
         Ok(Recorded { entry, certificate: finished.certificate })
     }
 
@@ -157,6 +170,7 @@ impl Session {
             }
             there[number] = true;
             outlook.done(number);
+            // Should this fail, the recording is whole and stays: the next call finds it.
             self.keep(scripts, &there)?;
         }
         Ok(())
@@ -176,7 +190,7 @@ impl Session {
         self.runner.ask_to_prepare(script, switches, progress)?;
         let mut device =
             devices.prepare(script, self.seed, number, self.safe_state, self.runner.journals(), switches)?;
-        self.run(script, &mut *device, knowledge, switches, progress).map(drop)
+        self.record(script, &mut *device, knowledge, switches, progress).map(drop)
     }
 
     /// Sets aside what a run left that failed, and says so with the failure.
