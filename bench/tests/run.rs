@@ -264,6 +264,32 @@ fn a_full_disk_is_told_and_leaves_a_readable_recording() {
 }
 
 #[test]
+fn a_recording_that_can_not_even_be_closed_is_exit_code_6_though_its_timing_can_not_be_read() {
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    let file = dir.path().join("open.mcap");
+    let (profile, instance) = (profile(dir.path(), 6, ""), instance("unclosed"));
+    let args = ["run", &profile, "--realtime", "--out", &file.display().to_string(), "--instance", &instance];
+    let mut run =
+        Running(bench(&args).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("the program starts"));
+    let part = file.with_extension("mcap.part");
+    let size = || std::fs::metadata(&part).map_or(0, |there| there.len());
+    // Until samples are in it: what is written at first is the description alone.
+    let mut first = 0;
+    while first == 0 || size() == first {
+        first = if first == 0 { size() } else { first };
+        assert!(run.0.try_wait().expect("a child").is_none(), "the run ended by itself");
+    }
+    let pid = rustix::process::Pid::from_child(&run.0);
+    let full = rustix::process::Rlimit { current: Some(10), maximum: Some(10) };
+    rustix::process::prlimit(Some(pid), rustix::process::Resource::Fsize, full).expect("it is ours");
+    let mut said = String::new();
+    run.0.stderr.take().expect("piped").read_to_string(&mut said).expect("text");
+    assert_eq!(run.0.wait().expect("a child").code(), Some(6), "{said}");
+    assert!(said.contains("could not be closed") && said.contains("no timing of this run"), "{said}");
+    assert!(part.exists() && !file.exists(), "what was written stays for `bench recover`");
+}
+
+#[test]
 fn nobody_to_stop_is_exit_code_4() {
     let stop = output(&["stop", "--instance", &instance("nobody")]);
     assert_eq!(stop.status.code(), Some(4));

@@ -114,20 +114,24 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
         runner.run(&plan, &mut *device, switches, progress)
     })?;
     drop(devices);
-    runner.finish()?;
+    let closed = runner.finish();
     progress.result(&finished.report.to_string());
     if args.time.realtime {
-        progress.result(&Timing::of_recording(&path)?.to_string());
+        // A remark: where it can't be had, the certificate says what the recording lacks.
+        match Timing::of_recording(&path) {
+            Ok(timing) => progress.result(&timing.to_string()),
+            Err(failure) => progress.say(&format!("no timing of this run: {failure}")),
+        }
     }
     progress.result(&format!("recording: {}", path.display()));
     if let Some(first) = finished.incidents.first() {
         progress.result(&format!("incidents: {} files, the first {}", finished.incidents.len(), first.display()));
     }
-    if args.json {
-        stdout.json(&Document::of(&script.name, &path, &finished))?;
-    }
+    let told = if args.json { stdout.json(&Document::of(&script.name, &path, &finished)) } else { Ok(()) };
+    // The exit code is of what happened to the rig, then of what was recorded, then of what came after the run.
     judge(&script.name, &finished.report)?;
-    certify(&script.name, &finished.certificate)
+    certify(&script.name, &finished.certificate)?;
+    closed.and(told)
 }
 
 /// What `--json` prints.
