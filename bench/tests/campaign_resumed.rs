@@ -252,6 +252,46 @@ fn a_damaged_recording_is_set_aside_and_recorded_again() {
 }
 
 #[test]
+fn runs_that_people_added_to_the_campaign_stay_in_it() {
+    let bench = Bench::new();
+    let call = || bench.command_of("c", &["pump"]).output().unwrap();
+    let output = call();
+    assert!(output.status.success(), "{}", said(&output));
+    let dir = bench.path("c");
+    let of_plan = std::fs::read_to_string(dir.join("campaign.toml")).unwrap();
+    let entry = |file: &str| {
+        format!("\n[[run]]\nfile = \"{file}\"\nprotocol = \"pump-map\"\nrole = \"identify\"\nplane = \"horizontal\"\n")
+    };
+    for file in ["next_2.mcap", "next_1.mcap"] {
+        std::fs::copy(dir.join("pump.mcap"), dir.join(file)).unwrap();
+    }
+    let own = entry("next_2.mcap") + &entry("next_1.mcap");
+    std::fs::write(dir.join("campaign.toml"), of_plan.clone() + &own + &entry("gone.mcap")).unwrap();
+    let kept = of_plan.clone() + &own;
+    // Where nothing is to be done, and where the plan's run is to be recorded again.
+    for whole in [true, false] {
+        if !whole {
+            std::fs::remove_file(dir.join("pump.mcap")).unwrap();
+        }
+        let output = call();
+        assert!(output.status.success(), "{}", said(&output));
+        assert_eq!(std::fs::read_to_string(dir.join("campaign.toml")).unwrap(), kept);
+        assert!(said(&output).contains("kept: next_2.mcap, next_1.mcap"), "{}", said(&output));
+        assert_eq!(said(&output).contains("gone: gone.mcap"), whole, "{}", said(&output));
+    }
+    // The plan's run by another name of the same file is no other run.
+    std::fs::write(dir.join("campaign.toml"), of_plan.replace("\"pump.mcap", "\"./pump.mcap")).unwrap();
+    let output = call();
+    assert!(output.status.success(), "{}", said(&output));
+    assert_eq!(std::fs::read_to_string(dir.join("campaign.toml")).unwrap(), of_plan);
+    // What can't be read is not written over.
+    std::fs::write(dir.join("campaign.toml"), "format = 1\nname = ").unwrap();
+    let output = call();
+    assert_eq!(output.status.code(), Some(2), "{}", said(&output));
+    assert_eq!(std::fs::read_to_string(dir.join("campaign.toml")).unwrap(), "format = 1\nname = ");
+}
+
+#[test]
 fn a_tripped_run_stops_the_campaign_and_is_repeated_by_the_next_call() {
     let bench = Bench::new();
     let rig = bench.path("rig.toml");

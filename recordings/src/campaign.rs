@@ -57,15 +57,7 @@ impl Campaign {
     /// Name the file, the line and the key: wrong format number, missing or ill-typed key, unknown protocol, role or
     /// plane, value out of range, no run, a file that is named twice, lies outside the folder or does not exist.
     pub fn open(dir: &Path) -> Result<Campaign, CampaignError> {
-        let path = dir.join(CAMPAIGN_FILE);
-        let bytes = fs::read(&path).map_err(|source| CampaignError::read(&path, source))?;
-        let text = String::from_utf8(bytes).map_err(|error| {
-            let good = error.utf8_error().valid_up_to();
-            let line = 1 + error.as_bytes()[..good].iter().filter(|&&byte| byte == b'\n').count();
-            let at = Place::file(&path).line(line as u64);
-            CampaignError::content(at, "text in UTF-8", "a byte that is not", "save the file as UTF-8")
-        })?;
-        let parsed = campaign_toml::parse(&path, &text)?;
+        let parsed = parsed(dir)?;
         for (run, at) in parsed.runs.iter().zip(parsed.places) {
             let file = dir.join(&run.file);
             if !file.is_file() {
@@ -83,6 +75,17 @@ impl Campaign {
             }
         }
         Ok(Campaign { dir: dir.to_owned(), name: parsed.name, rig: parsed.rig, runs: parsed.runs })
+    }
+
+    /// The runs that `dir/campaign.toml` names, in its order, whether their files are there or not; none where there is no such file.
+    ///
+    /// # Errors
+    /// Those of [`Campaign::open`], but for a run's file that does not exist.
+    pub fn named_runs(dir: &Path) -> Result<Vec<RunEntry>, CampaignError> {
+        if !dir.join(CAMPAIGN_FILE).exists() {
+            return Ok(Vec::new());
+        }
+        Ok(parsed(dir)?.runs)
     }
 
     /// Reads and checks one run (see [`Recording::read`]). An MCAP recording that says another protocol or plane than
@@ -108,4 +111,17 @@ impl Campaign {
         file.write_all(text.as_bytes()).map_err(|source| CampaignError::write(&path, source))?;
         file.commit().map(drop)
     }
+}
+
+/// What `dir/campaign.toml` says.
+fn parsed(dir: &Path) -> Result<campaign_toml::Parsed, CampaignError> {
+    let path = dir.join(CAMPAIGN_FILE);
+    let bytes = fs::read(&path).map_err(|source| CampaignError::read(&path, source))?;
+    let text = String::from_utf8(bytes).map_err(|error| {
+        let good = error.utf8_error().valid_up_to();
+        let line = 1 + error.as_bytes()[..good].iter().filter(|&&byte| byte == b'\n').count();
+        let at = Place::file(&path).line(line as u64);
+        CampaignError::content(at, "text in UTF-8", "a byte that is not", "save the file as UTF-8")
+    })?;
+    campaign_toml::parse(&path, &text)
 }

@@ -6,9 +6,9 @@ use super::standing::{Standing, standing};
 use crate::failure::{Failure, Kind};
 use crate::progress::Progress;
 use profiles::Script;
-use recordings::CAMPAIGN_FILE;
+use recordings::{CAMPAIGN_FILE, Campaign, RunEntry};
 use std::fs::{File, TryLockError};
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 /// A folder that holds the plan of this campaign and that no other process records into.
 pub struct Folder {
@@ -81,6 +81,33 @@ impl Folder {
         }
         Ok(there)
     }
+
+    /// The runs of `campaign.toml` that the plan does not know, in their order: people add their own to be identified from. One whose
+    /// recording is gone is none any more. Both is said.
+    ///
+    /// # Errors
+    /// A `campaign.toml` that can't be read (2): to write it anew would lose what stands in it.
+    pub fn others(&self, plan: &Plan, progress: &Progress) -> Result<Vec<RunEntry>, Failure> {
+        let mut runs = Campaign::named_runs(&self.dir).map_err(|e| Failure::of(Kind::Input, &e))?;
+        runs.retain(|run| !plan.runs.iter().any(|planned| same_file(&planned.file, &run.file)));
+        let (kept, gone): (Vec<_>, Vec<_>) = runs.into_iter().partition(|run| self.dir.join(&run.file).is_file());
+        for (runs, follows) in [(&kept, "kept"), (&gone, "left out, their recordings are gone")] {
+            if !runs.is_empty() {
+                let files: Vec<&str> = runs.iter().map(|run| run.file.as_str()).collect();
+                let files = files.join(", ");
+                progress.say(&format!("{CAMPAIGN_FILE} names runs that are not in {PLAN_FILE}, {follows}: {files}"));
+            }
+        }
+        Ok(kept)
+    }
+}
+
+/// Whether two names inside the folder are of one file: `./a.mcap` is `a.mcap`.
+fn same_file(a: &str, b: &str) -> bool {
+    fn parts(name: &str) -> impl Iterator<Item = Component<'_>> {
+        Path::new(name).components().filter(|part| *part != Component::CurDir)
+    }
+    parts(a).eq(parts(b))
 }
 
 /// Makes the folder of a new campaign.

@@ -53,6 +53,8 @@ pub struct Recorded {
 pub struct Session {
     /// Its runs are those that are there, each as its script wanted it.
     campaign: Campaign,
+    /// Runs that were not recorded by this campaign and belong to it all the same, see [`Session::keep_others`].
+    others: Vec<RunEntry>,
     seed: u64,
     notes: BTreeMap<String, String>,
     instance: String,
@@ -81,7 +83,7 @@ impl Session {
         let runner = Runner::open(&instance, limits, mode, OnFull::GoOn, progress)?;
         let safe_state = limits.safe_state;
         let campaign = Campaign { dir, name, rig, runs: Vec::new() };
-        Ok(Session { campaign, seed, notes, instance, safe_state, runner })
+        Ok(Session { campaign, others: Vec::new(), seed, notes, instance, safe_state, runner })
     }
 
     /// Runs one script to its end and adds its recording to the campaign. `knowledge` serves the targets other than voltages. Prints `NAME: N of N samples`.
@@ -125,6 +127,11 @@ impl Session {
     /// What every recording from now on keeps of the rig.
     pub fn describe(&mut self, rig: RigRecord) {
         self.runner.describe(rig);
+    }
+
+    /// Runs that people added to `campaign.toml`: they stay in it, after those of the scripts. No run of the scripts is based on them.
+    pub fn keep_others(&mut self, others: Vec<RunEntry>) {
+        self.others = others;
     }
 
     /// Name under which the samples are published.
@@ -203,12 +210,13 @@ impl Session {
         Failure::new(failure.kind, said)
     }
 
-    /// The campaign is those of these runs that are there, in their order; `campaign.toml` says so.
+    /// The campaign is those of these runs that are there, in their order, and the others that it keeps; `campaign.toml` says so.
     ///
     /// # Errors
     /// The system refuses to write it (2).
     pub fn keep(&mut self, scripts: &[Script], there: &[bool]) -> Result<(), Failure> {
         self.campaign.runs = entries(scripts, there)?;
+        self.campaign.runs.extend(self.others.iter().cloned());
         if self.campaign.runs.is_empty() { Ok(()) } else { self.write_toml() }
     }
 

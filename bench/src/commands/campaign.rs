@@ -97,6 +97,7 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
         return Err(Failure::new(Kind::Input, message));
     }
     let folder = Folder::claim(&dir, &plan)?;
+    let others = folder.others(&plan, progress)?;
     let there = folder.survey(&plan, &scripts, progress)?;
     let done = there.iter().filter(|there| **there).count();
     if folder.resumed() {
@@ -109,6 +110,7 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     let known = Known::at_first(knowledge, rig.loops);
     let mut session = Session::open(settings, progress)?;
     session.describe(record);
+    session.keep_others(others);
     if done < plan.runs.len() {
         let mut devices = Devices::open(&rig.device, rig.limits.safe_state, &mode, session.journals())?;
         let context = Context { u_max_v: rig.facts.u_max_v, seed: args.seed, hands: devices.hands() };
