@@ -221,6 +221,11 @@ fn keys_and_values_are_held_against_the_list() {
             &["[limits] pressure_max_bar: expected above pressure_min_bar, got 8"],
         ),
         ("age_max_ms = 20.0", "age_max_ms = 0.5", &["[limits] age_max_ms: expected a finite number, 1 or more (ms)"]),
+        (
+            "age_max_ms = 20.0",
+            "age_max_ms = 5000.0",
+            &["[limits] age_max_ms: expected at least 1, a period, and below 4294.967295", "got 5000"],
+        ),
         ("reversed = false", "reversed = 0", &["[amplifier] reversed: expected true or false, got 0"]),
     ] {
         // The message names the line of the key; for the two limits that of the other one.

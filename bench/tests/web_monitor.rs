@@ -194,8 +194,8 @@ fn without_fixture(file: &Path) {
     }
     assert!(kept.len() < written.len(), "{written}");
     for (key, patient) in [
-        ("age_max_ms = 20.0 ", "missing_max_ticks = 60000\nage_max_ms = 60000.0 "),
-        ("heartbeat_max_ms = 100.0", "heartbeat_max_ms = 60000.0"),
+        ("age_max_ms = 20.0 ", "missing_max_ticks = 60000\nage_max_ms = 4000.0 "),
+        ("heartbeat_max_ms = 100.0", "heartbeat_max_ms = 4000.0"),
         ("timeout_ms = 100.0", "timeout_ms = 60000.0"),
     ] {
         assert!(kept.contains(key), "{key}");

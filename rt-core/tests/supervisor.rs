@@ -124,7 +124,11 @@ fn limits_that_can_t_be_enforced_are_refused() {
         (Limits { velocity_window_ticks: 0, ..good }, "velocity_window_ticks"),
         (Limits { velocity_window_ticks: 65, ..good }, "velocity_window_ticks"),
         (Limits { age_max_ms: 0.9, ..good }, "age_max_ms"),
+        (Limits { age_max_ms: u32::MAX as f64 * 1e-6, ..good }, "age_max_ms"),
+        (Limits { age_max_ms: f64::INFINITY, ..good }, "age_max_ms"),
         (Limits { heartbeat_max_ms: f64::NAN, ..good }, "heartbeat_max_ms"),
+        (Limits { heartbeat_max_ms: u32::MAX as f64 * 1e-6, ..good }, "heartbeat_max_ms"),
+        (Limits { heartbeat_max_ms: 60_000.0, ..good }, "heartbeat_max_ms"),
         (Limits { voltage_max_v: f64::INFINITY, ..good }, "voltage_max_v"),
         (Limits { slew_max_v_s: 0.0, ..good }, "slew_max_v_s"),
         (Limits { slew_max_v_s: f64::NAN, ..good }, "slew_max_v_s"),
@@ -132,6 +136,22 @@ fn limits_that_can_t_be_enforced_are_refused() {
     for (limits, field) in bad {
         assert_eq!(Supervisor::new(limits).unwrap_err().field, field);
     }
+}
+
+#[test]
+fn the_largest_limits_of_an_age_still_trip() {
+    let most_ms = (u32::MAX - 1) as f64 * 1e-6;
+    let limits = Limits { age_max_ms: most_ms, heartbeat_max_ms: most_ms, ..Limits::default() };
+    let old = |age_ns: u32| {
+        let mut measured = GOOD;
+        measured.age_ns[Input::Angle as usize] = age_ns;
+        (0..20).map(move |_| measured)
+    };
+    let silent = |heartbeat_age_ns: u32| (0..20).map(move |_| Measurement { heartbeat_age_ns, ..GOOD });
+    assert_eq!(judge(limits, Fixture::Free, old(u32::MAX - 1)), None);
+    assert_eq!(judge(limits, Fixture::Free, old(u32::MAX)).map(|trip| trip.channel), Some(Channel::Angle));
+    assert_eq!(judge(limits, Fixture::Free, silent(u32::MAX - 1)), None);
+    assert_eq!(judge(limits, Fixture::Free, silent(u32::MAX)).map(|trip| trip.channel), Some(Channel::Heartbeat));
 }
 
 #[test]

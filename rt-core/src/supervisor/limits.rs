@@ -4,6 +4,8 @@ use crate::supervisor::VELOCITY_WINDOW_MAX;
 use crate::types::{PERIOD_NS, SafeState};
 
 const PERIOD_MS: f64 = PERIOD_NS as f64 * 1e-6;
+/// Ages are counted in ns up to `u32::MAX`: none is above it, and a limit that is no less never trips.
+const AGE_MOST_MS: f64 = u32::MAX as f64 * 1e-6;
 
 /// What the supervisor enforces. Limits are data: a rig brings its own.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,9 +25,9 @@ pub struct Limits {
     pub torque_max_nm: f64,
     /// A required channel may be missing for this many ticks in a row; one more trips.
     pub missing_max_ticks: u32,
-    /// A required channel may be this old, ms; one that is older trips. At least one period.
+    /// A required channel may be this old, ms; one that is older trips. At least one period, and below 4294.967295 ms, where ages end.
     pub age_max_ms: f64,
-    /// The drivers may be silent for this long, ms.
+    /// The drivers may be silent for this long, ms. Below 4294.967295 ms, where ages end.
     pub heartbeat_max_ms: f64,
     /// Largest command to either side, V; above it trips.
     pub voltage_max_v: f64,
@@ -86,8 +88,11 @@ impl Limits {
         positive("velocity_max_deg_s", self.velocity_max_deg_s)?;
         positive("torque_max_nm", self.torque_max_nm)?;
         let age_ms = self.age_max_ms;
-        check("age_max_ms", age_ms, age_ms.is_finite() && age_ms >= PERIOD_MS, "finite and at least 1, a period")?;
-        positive("heartbeat_max_ms", self.heartbeat_max_ms)?;
+        let expected = format!("at least 1, a period, and below {AGE_MOST_MS:.6}, the largest age that is told");
+        check("age_max_ms", age_ms, (PERIOD_MS..AGE_MOST_MS).contains(&age_ms), &expected)?;
+        let silent_ms = self.heartbeat_max_ms;
+        let expected = format!("above 0 and below {AGE_MOST_MS:.6}, the largest age that is told");
+        check("heartbeat_max_ms", silent_ms, silent_ms > 0.0 && silent_ms < AGE_MOST_MS, &expected)?;
         positive("voltage_max_v", self.voltage_max_v)?;
         check("slew_max_v_s", self.slew_max_v_s, self.slew_max_v_s > 0.0, "above 0, infinite for none")?;
         let window = self.velocity_window_ticks;
