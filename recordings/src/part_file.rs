@@ -4,6 +4,8 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
+use rustix::fs::{CWD, RenameFlags, renameat_with};
+
 use crate::CampaignError;
 
 /// The extension of a file that has not been closed.
@@ -58,12 +60,31 @@ fn with_suffix(target: &Path, suffix: &str) -> PathBuf {
     PathBuf::from(name)
 }
 
+fn refuse_existing(target: &Path) -> io::Result<()> {
+    // A dangling link counts, too.
+    match target.symlink_metadata() {
+        Ok(_) => Err(io::Error::new(io::ErrorKind::AlreadyExists, "a recording of this name exists")),
+        Err(_) => Ok(()),
+    }
+}
+
+fn rename_to_free(part: &Path, target: &Path) -> io::Result<()> {
+    match renameat_with(CWD, part, CWD, target, RenameFlags::NOREPLACE) {
+        Ok(()) => Ok(()),
+        // A name that is taken, or a file system that does not know this kind of renaming.
+        Err(_) => refuse_existing(target).and_then(|()| fs::rename(part, target)),
+    }
+}
+
+fn folder_of(target: &Path) -> io::Result<File> {
+    File::open(target.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new(".")))
+}
+
 impl PartFile {
     pub(crate) fn create(target: &Path, existing: Existing) -> Result<Self, CampaignError> {
         let part = if existing == Existing::Rescue { with_suffix(target, RECOVERING) } else { part_path(target) };
-        if existing != Existing::Replace && target.exists() {
-            let there = io::Error::new(io::ErrorKind::AlreadyExists, "a recording of this name exists");
-            return Err(CampaignError::write(target, there));
+        if existing != Existing::Replace {
+            refuse_existing(target).map_err(|there| CampaignError::write(target, there))?;
         }
         let mut options = OpenOptions::new();
         match existing {
@@ -87,15 +108,17 @@ impl PartFile {
         self.all.crc.clone().finalize()
     }
 
-    /// Everything on the disk, then the final name.
+    /// Everything on the disk, then the final name. A measurement that came up under this name meanwhile is not overwritten.
     pub(crate) fn commit(mut self) -> Result<PathBuf, CampaignError> {
-        let done = self
-            .writer
-            .flush()
-            .and_then(|()| self.writer.get_ref().sync_all())
-            .and_then(|()| fs::rename(&self.part, &self.target));
+        let done =
+            self.writer.flush().and_then(|()| self.writer.get_ref().sync_all()).and_then(|()| match self.existing {
+                Existing::Replace => fs::rename(&self.part, &self.target),
+                Existing::Keep | Existing::Rescue => rename_to_free(&self.part, &self.target),
+            });
         done.map_err(|source| CampaignError::write(&self.target, source))?;
         self.committed = true;
+        // Without it a power cut may take the new name back. The file is whole either way, and not every file system can do it.
+        let _ = folder_of(&self.target).and_then(|folder| folder.sync_all());
         Ok(std::mem::take(&mut self.target))
     }
 
@@ -142,5 +165,39 @@ impl Drop for PartFile {
             // The error that led here is the one to report, not that of cleaning up.
             let _ = fs::remove_file(&self.part);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_measurement_that_came_up_meanwhile_is_not_overwritten() {
+        for (existing, left) in [(Existing::Keep, Some("a.mcap.part")), (Existing::Rescue, None)] {
+            let dir = tempfile::tempdir().unwrap();
+            let target = dir.path().join("a.mcap");
+            let mut file = PartFile::create(&target, existing).unwrap();
+            file.write_all(b"new").unwrap();
+            fs::write(&target, "other").unwrap();
+            let error = file.commit().expect_err("the name is taken");
+            assert!(error.to_string().contains("a recording of this name exists"), "{error}");
+            assert_eq!(fs::read_to_string(&target).unwrap(), "other");
+            let names =
+                fs::read_dir(dir.path()).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+            let others: Vec<String> = names.filter(|name| name != "a.mcap").collect();
+            assert_eq!(others.first().map(String::as_str), left, "{existing:?}: a measurement's part is kept");
+        }
+    }
+
+    #[test]
+    fn what_can_be_made_again_replaces_what_was_there() {
+        let dir = tempfile::tempdir().unwrap();
+        let target = dir.path().join("a.csv");
+        fs::write(&target, "old").unwrap();
+        let mut file = PartFile::create(&target, Existing::Replace).unwrap();
+        file.write_all(b"new").unwrap();
+        assert_eq!(file.commit().unwrap(), target);
+        assert_eq!(fs::read_to_string(&target).unwrap(), "new");
     }
 }
