@@ -146,7 +146,7 @@ impl Law for PressureFrictionRational {
         "pressure_friction_rational",
         Balance::Torque,
         &[PortKind::Mechanical],
-        "M -= k*(p1 + p2 - 2*p_amb)*w/sqrt(w^2 + w_s^2)",
+        "M -= k*max(0, p1 + p2 - 2*p_amb)*w/sqrt(w^2 + w_s^2)",
         &[size("k", "Nm/bar", 5.0, 0.1), shape("w_s", "rad/s", 0.002, 0.2, 0.02)],
         0,
         &[&[0.05, 0.02], &[0.3, 0.03]],
@@ -155,7 +155,7 @@ impl Law for PressureFrictionRational {
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Mechanical(m) = port {
             let w = m.velocity_rad_s;
-            m.torque_nm -= k[0] * m.load_bar * w / (w * w + k[1] * k[1]).sqrt();
+            m.torque_nm -= k[0] * m.load_bar.at_least(0.0) * w / (w * w + k[1] * k[1]).sqrt();
         }
     }
 }

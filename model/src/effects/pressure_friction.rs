@@ -13,8 +13,8 @@ impl Law for PressureFriction {
         balance: Balance::Torque,
         ports: &[PortKind::Mechanical],
         summary: "friction grows with the sum of the chamber pressures",
-        equation: "M -= k*(p1 + p2 - 2*p_amb)*tanh(w/w_s)",
-        validity: "sliding; the Coulomb level is smoothed over w_s",
+        equation: "M -= k*max(0, p1 + p2 - 2*p_amb)*tanh(w/w_s)",
+        validity: "sliding; the Coulomb level is smoothed over w_s; chambers that together pull instead of press load nothing",
         measure: "constant-flow strokes at several fill pressures",
         literature: "Olsson et al., Friction models and friction compensation, Eur. J. Control 4 (1998)",
         parameters: &[
@@ -30,7 +30,8 @@ impl Law for PressureFriction {
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Mechanical(m) = port {
-            m.torque_nm -= k[0] * m.load_bar * (m.velocity_rad_s / k[1]).tanh();
+            // below ambient a friction in proportion would push the lever
+            m.torque_nm -= k[0] * m.load_bar.at_least(0.0) * (m.velocity_rad_s / k[1]).tanh();
         }
     }
 }
@@ -43,7 +44,7 @@ const USUAL_LOAD_BAR: f64 = 3.0;
 
 impl Law for Lubricated {
     const HEADER: Header = Header {
-        equation: "M -= k*g_0*(g/g_0)^m*((1 - v)*tanh(w/w_s) + v*w/w_0), g = p1 + p2 - 2*p_amb, g_0 = 3 bar, w_0 = 1 rad/s",
+        equation: "M -= k*g_0*(g/g_0)^m*((1 - v)*tanh(w/w_s) + v*w/w_0), g = max(0, p1 + p2 - 2*p_amb), g_0 = 3 bar, w_0 = 1 rad/s",
         validity: "v = 1: viscous",
         literature: "Olsson et al., Friction models and friction compensation, Eur. J. Control 4 (1998); Merritt, Hydraulic Control Systems, 1967, ch. 4",
         parameters: &[
