@@ -38,12 +38,17 @@ impl Law for TrappedAir {
     }
 }
 
-/// Air that the oil takes up under pressure and gives back. Passive: it dissolves at higher pressure than it comes out at.
+/// Air that the oil takes up under pressure and gives back, an empirical uptake: by Henry's law what dissolves goes with the volume of the oil, which this
+/// effect does not know. Passive: it dissolves at higher pressure than it comes out at. It closes the oil of every cycle as long as no more dissolves than
+/// there is.
 struct Dissolving;
+
+/// Share of the air over which its end is rounded off, to both sides.
+const ROUNDED: f64 = 0.05;
 
 impl Law for Dissolving {
     const HEADER: Header = Header {
-        equation: "of the air V_ai the part x_i is in solution, tau*x_i' = V_ai*h*(p_i - p_amb) - x_i (Henry's law in equilibrium), the rest n_i = V_ai - x_i >= 0 is free: C_hi += n_i*p_amb/p_i^2, and x_i'*p_amb/p_i flows out of chamber i = 1, 2; at rest x_i = V_ai*h*(p_i - p_amb)",
+        equation: "of the air V_ai the part x_i is in solution, tau*x_i' = V_ai*min(1, h*(p_i - p_amb)) - x_i (the share h of it per bar, an empirical uptake; the corner rounded between shares of 0.95 and 1.05), the rest n_i = V_ai - x_i is free: C_hi += n_i*p_amb/p_i^2, and x_i'*p_amb/p_i flows out of chamber i = 1, 2; at rest x_i = V_ai*min(1, h*(p_i - p_amb))",
         validity: "isothermal; all air is free at ambient pressure",
         literature: "Merritt, Hydraulic Control Systems, 1967, ch. 2; Zhou, Vacca, Manhartsgruber, J. Fluids Eng. 135, 2013 (release and solution of air)",
         parameters: &[
@@ -61,7 +66,7 @@ impl Law for Dissolving {
         if let Port::Hydraulic(h) = port {
             for i in 0..2 {
                 let p = h.pressure_bar[i];
-                let rate = (k[i] * k[2] * (p - AMBIENT_BAR) - x[i]) / k[3];
+                let rate = (dissolved(k[i], k[2], p - AMBIENT_BAR) - x[i]) / k[3];
                 dx[i] = rate;
                 h.capacity_ml_bar[i] += (k[i] - x[i]).at_least(0.0) * AMBIENT_BAR / (p * p);
                 h.flow_ml_s[i] -= rate * AMBIENT_BAR / p;
@@ -71,7 +76,19 @@ impl Law for Dissolving {
 
     fn rest<S: Scalar>(&self, k: &[S], rest: &Rest<S>, x: &mut [S]) {
         for (chamber, x) in x.iter_mut().enumerate() {
-            *x = k[chamber] * k[2] * rest.gauge_bar(chamber);
+            *x = dissolved(k[chamber], k[2], rest.gauge_bar(chamber));
         }
+    }
+}
+
+/// What is in solution in equilibrium of a volume of air, of which a bar takes up the share `per_bar`: never more than all.
+fn dissolved<S: Scalar>(air_ml: S, per_bar: S, gauge_bar: S) -> S {
+    let beyond = per_bar * gauge_bar - (1.0 - ROUNDED);
+    if beyond.value() <= 0.0 {
+        air_ml * per_bar * gauge_bar
+    } else if beyond.value() < 2.0 * ROUNDED {
+        air_ml * (per_bar * gauge_bar - beyond * beyond / (4.0 * ROUNDED))
+    } else {
+        air_ml
     }
 }

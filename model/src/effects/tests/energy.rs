@@ -144,6 +144,41 @@ fn wall_creep_returns_all_its_oil() {
 }
 
 #[test]
+fn air_that_dissolves_all_closes_the_oil_of_a_cycle() {
+    // all of it is in solution from 2 bar on
+    let air = find("trapped_air").and_then(|e| e.refined()).expect("it has a general form").effect;
+    const STEPS: u32 = 20_000;
+    let k = [0.5, 0.5, 1.0, 2.0];
+    let step = std::f64::consts::TAU / f64::from(STEPS);
+    let (mut x, mut oil_ml, mut most_ml) = ([0.0; 2], [0.0f64; 2], [0.0f64; 2]);
+    // until it swings in: some time constants; then the oil of one cycle
+    for i in 0..6 * STEPS {
+        if i == 5 * STEPS {
+            (oil_ml, most_ml) = ([0.0; 2], [0.0; 2]);
+        }
+        let at = |t: f64| ([3.0 - 2.0 * t.cos(), 1.5 - 0.5 * t.cos()], [2.0 * t.sin(), 0.5 * t.sin()]);
+        let act = |x: &[f64; 2], t: f64| {
+            let (pressure_bar, rate_bar_s) = at(t);
+            let (mut h, mut dx) = (HydraulicPort::at(t, pressure_bar), [0.0; 2]);
+            air.act_value(&k, x, &mut dx, &mut Port::Hydraulic(&mut h));
+            (dx, [0, 1].map(|c| h.capacity_ml_bar[c] * rate_bar_s[c] - h.flow_ml_s[c]))
+        };
+        let t = f64::from(i) * step;
+        let (dx, _) = act(&x, t);
+        let (dx, into) = act(&[0, 1].map(|c| x[c] + 0.5 * step * dx[c]), t + 0.5 * step);
+        for c in 0..2 {
+            x[c] += step * dx[c];
+            assert!((0.0..=k[c]).contains(&x[c]), "{x:?} ml of {} are in solution", k[c]);
+            oil_ml[c] += step * into[c];
+            most_ml[c] = most_ml[c].max(oil_ml[c].abs());
+        }
+    }
+    for c in 0..2 {
+        assert!(most_ml[c] > 0.05 && oil_ml[c].abs() < 1e-3 * most_ml[c], "{oil_ml:?} of {most_ml:?} ml");
+    }
+}
+
+#[test]
 fn a_stop_with_a_loss_keeps_a_part_of_every_push_and_never_pulls() {
     let stop = find("end_stop").and_then(|e| e.refined()).expect("it has a general form").effect;
     // pushed 0.05 rad beyond contact and back, half a sine long

@@ -198,7 +198,7 @@ fn a_wall_of_two_branches_takes_what_both_capacities_hold_each_in_its_time() {
 }
 
 #[test]
-fn air_goes_into_solution_under_pressure_by_henry_s_law_and_comes_back() {
+fn air_goes_into_solution_by_a_share_per_bar_of_pressure_and_comes_back() {
     let k = [0.8, 0.3, 0.2, 5.0];
     let gauge_bar = [2.0, 0.0];
     let (mut x, mut dx) = ([0.0; 2], [0.0; 2]);
