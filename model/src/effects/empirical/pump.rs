@@ -34,7 +34,7 @@ impl Law for EmpiricalPump {
         balance: Balance::Pump,
         ports: &[PortKind::Line],
         summary: "a smooth flow through pump and valves over voltage, its past, the valves' past, and time",
-        equation: "Q += sum of c_i * term_i while oil can pass, and after a valve was switched; voltage in units of 24 V",
+        equation: "Q += opening of the brake valve * sum of c_i * term_i, and what the valves pass, or do not yet, after they were switched; voltage in units of 24 V",
         validity: VALIDITY,
         measure: MEASURE,
         literature: "",
@@ -60,17 +60,17 @@ impl Law for EmpiricalPump {
             if l.bypass_opening.value() > 0.0 {
                 l.flow_ml_s += k[13] * through_orifice(dp) * l.bypass_opening;
             }
-            if l.open {
-                l.flow_ml_s += k[0] * u * u
-                    + k[1] * u * u.abs()
-                    + k[2] * u * u * u
-                    + k[3] * dp * u * u
-                    + (k[4] * dp.abs() + k[5] * dp * dp) * dp
-                    + k[12] * through_orifice(dp)
-                    + (k[6] * dp + k[7] * u) * grown(l.time_s)
-                    + k[8] * (x[0] - u)
-                    + k[9] * (x[1] - u);
-            }
+            // through the brake valve as what the pump delivers: none of it where that is closed, also while the bypass is open
+            l.flow_ml_s += (k[0] * u * u
+                + k[1] * u * u.abs()
+                + k[2] * u * u * u
+                + k[3] * dp * u * u
+                + (k[4] * dp.abs() + k[5] * dp * dp) * dp
+                + k[12] * through_orifice(dp)
+                + (k[6] * dp + k[7] * u) * grown(l.time_s)
+                + k[8] * (x[0] - u)
+                + k[9] * (x[1] - u))
+                * l.opening;
         }
     }
 
@@ -134,6 +134,27 @@ mod tests {
             (flow("after_bypass_closing", 0.0, 1.0, 2.0).0, flow("after_bypass_opening", 1.0, 0.0, 2.0).0),
             (0.0, 0.0)
         );
+    }
+
+    #[test]
+    fn a_closed_brake_stops_what_the_pump_delivers_also_beside_an_open_bypass() {
+        for term in &PUMP {
+            let k = alone::<EmpiricalPump>(term.name, 3.0);
+            let flow = |opening: f64| {
+                let mut line = LinePort { opening, bypass_opening: 1.0, ..LinePort::open(1.0, VOLTAGE_V, 0.7) };
+                let x = [0.1, -0.2, opening, 1.0];
+                EmpiricalPump.act(&k, &x, &mut [0.0; 4], &mut Port::Line(&mut line));
+                line.flow_ml_s
+            };
+            match term.name {
+                "bypass_root" => assert!(flow(0.0) != 0.0 && flow(0.0) == flow(1.0), "it does not pass the brake"),
+                name if name.starts_with("after_") => assert_eq!(flow(0.0), 0.0, "{name}: the valves stand"),
+                name => {
+                    assert_eq!(flow(0.0), 0.0, "{name}");
+                    assert!(flow(1.0) != 0.0 && (flow(0.25) / flow(1.0) - 0.25).abs() < 1e-12, "{name}");
+                }
+            }
+        }
     }
 
     #[test]
