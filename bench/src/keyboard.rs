@@ -4,8 +4,11 @@ use crate::progress::{Progress, Prompt};
 use rt_core::{Amount, Confirmation, Refusal, Switches, Waiting};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::read;
+use rustix::process::getpgrp;
 use rustix::stdio::stdin;
-use rustix::termios::{LocalModes, OptionalActions, Termios, isatty, tcgetattr, tcsetattr};
+use rustix::termios::{
+    LocalModes, OptionalActions, SpecialCodeIndex, Termios, isatty, tcgetattr, tcgetpgrp, tcsetattr,
+};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{self, JoinHandle};
@@ -32,15 +35,14 @@ pub struct Keyboard {
 }
 
 impl Keyboard {
-    /// Watches the keys; `None` where stdin is no terminal, or one that can't be asked for single keys.
+    /// Watches the keys; `None` where stdin is no terminal, one that can't be asked for single keys, or one in whose background this process
+    /// is: its keys are another's.
     pub fn watch(switches: &'static Switches, progress: &Progress) -> Option<Keyboard> {
-        if !isatty(stdin()) {
+        if !isatty(stdin()) || tcgetpgrp(stdin()).is_ok_and(|foreground| foreground != getpgrp()) {
             return None;
         }
         let before = tcgetattr(stdin()).ok()?;
-        let mut single = before.clone();
-        // Keys come one by one and are not shown; Ctrl-C stays a signal.
-        single.local_modes.remove(LocalModes::ICANON | LocalModes::ECHO);
+        let single = single_keys(&before);
         tcsetattr(stdin(), OptionalActions::Now, &single).ok()?;
         *BEFORE.lock().unwrap_or_else(|poisoned| poisoned.into_inner()) = Some(before);
         ENDED.store(false, Ordering::Relaxed);
@@ -63,6 +65,20 @@ impl Drop for Keyboard {
         restore();
     }
 }
+
+/// Keys come one by one and are not shown. Ctrl-C stays a signal; Ctrl-Z and Ctrl-\ become keys, as they must not halt or kill what drives a
+/// rig.
+fn single_keys(before: &Termios) -> Termios {
+    let mut single = before.clone();
+    single.local_modes.remove(LocalModes::ICANON | LocalModes::ECHO);
+    // 0 is `_POSIX_VDISABLE`.
+    single.special_codes[SpecialCodeIndex::VSUSP] = 0;
+    single.special_codes[SpecialCodeIndex::VQUIT] = 0;
+    single
+}
+
+/// Ctrl-\ where it is a key.
+const QUIT: u8 = 0x1c;
 
 /// Whether people can confirm by a key.
 pub fn watched() -> bool {
@@ -143,7 +159,7 @@ impl Keys {
     fn pressed(&mut self, key: u8, now: Instant) {
         match key {
             b' ' | 0x1b => self.switches.emergency_stop.store(true, Ordering::Relaxed),
-            b'q' => self.switches.stop.store(true, Ordering::Relaxed),
+            b'q' | QUIT => self.switches.stop.store(true, Ordering::Relaxed),
             b'\n' | b'\r' => self.enter(now),
             0x7f | 0x08 => _ = self.typed.pop(),
             // A comma is what some keyboards have for the point.
@@ -202,9 +218,15 @@ mod tests {
 
     #[test]
     fn keys_throw_their_switches_and_no_others() {
-        for (key, stop, emergency) in
-            [(b'q', true, false), (b' ', false, true), (0x1b, false, true), (b'x', false, false), (b'\n', false, false)]
-        {
+        for (key, stop, emergency) in [
+            (b'q', true, false),
+            (QUIT, true, false),
+            (0x1a, false, false),
+            (b' ', false, true),
+            (0x1b, false, true),
+            (b'x', false, false),
+            (b'\n', false, false),
+        ] {
             let mut keys = keys();
             keys.pressed(key, Instant::now());
             let switches = keys.switches;
@@ -212,6 +234,17 @@ mod tests {
             assert_eq!(thrown, (stop, emergency), "key {key}");
             assert_eq!(keys.offered, None, "nothing is asked");
         }
+    }
+
+    #[test]
+    fn of_the_keys_that_are_signals_only_ctrl_c_stays_one() {
+        let terminal = std::fs::File::open("/dev/ptmx").expect("the system has terminals");
+        let before = tcgetattr(&terminal).expect("it is one");
+        let single = single_keys(&before);
+        let codes = [SpecialCodeIndex::VSUSP, SpecialCodeIndex::VQUIT, SpecialCodeIndex::VINTR];
+        assert!(codes.iter().all(|&code| before.special_codes[code] != 0), "{before:?}");
+        assert_eq!(codes.map(|code| single.special_codes[code]), [0, 0, before.special_codes[SpecialCodeIndex::VINTR]]);
+        assert!(single.local_modes.contains(LocalModes::ISIG) && !single.local_modes.contains(LocalModes::ICANON));
     }
 
     /// Types while this is asked for; what the loop then takes.
