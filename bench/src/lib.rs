@@ -24,6 +24,7 @@ pub mod machine;
 pub mod monitor;
 pub mod next;
 pub mod operator;
+mod over;
 pub mod progress;
 pub mod recorder;
 #[cfg(test)]

@@ -79,4 +79,17 @@ mod tests {
         }
         assert!(carried(b"hello, this is no sample").is_err());
     }
+
+    #[test]
+    fn a_sample_with_numbers_that_no_run_comes_to_is_refused() {
+        for (sample, field) in [
+            (Sample { tick: u64::MAX, ..Sample::BLANK }, "tick"),
+            (Sample { scheduled_ns: u64::MAX, ..Sample::BLANK }, "scheduled_ns"),
+        ] {
+            let mut bytes = Vec::new();
+            carry(&sample, &mut bytes);
+            let error = carried(&bytes).expect_err("beyond");
+            assert!(error.got.contains(field) && error.got.contains(&u64::MAX.to_string()), "{error}");
+        }
+    }
 }

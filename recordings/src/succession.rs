@@ -1,6 +1,6 @@
 //! How the samples of one run follow each other: what may come next, what is missing, what can be certified.
 
-use rt_core::{LossCertificate, Sample};
+use rt_core::{BeyondRange, LossCertificate, Sample};
 
 /// A sample that can't follow those before it, or that no recording can hold.
 pub(crate) struct Misfit {
@@ -73,6 +73,9 @@ impl Succession {
     #[inline]
     pub fn misfit(&self, next: &Sample) -> Option<Misfit> {
         let misfit = |column, expected: String, got: String| Some(Misfit { column, expected, got });
+        if let Err(BeyondRange { field, bound, got }) = next.in_range() {
+            return misfit(field, format!("a number below {bound}"), got.to_string());
+        }
         // The first sample stands after a tick -1 at which nothing was skipped.
         let skipped_before = self.last.map_or(0, |last| last.skipped);
         let ticks_between = match &self.last {

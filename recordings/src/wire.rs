@@ -170,6 +170,7 @@ pub(crate) fn decode_sample(bytes: &[u8]) -> Result<Sample, String> {
     if message.version == 1 {
         sample.quality = sample.measurement().valid();
     }
+    sample.in_range().map_err(|beyond| beyond.to_string())?;
     Ok(sample)
 }
 

@@ -69,5 +69,6 @@ pub use traits::{
     ControlledPressure, Controller, Demand, Device, DeviceError, Operator, Reference, Step, Switches, Target,
 };
 pub use types::{
-    Command, Fixture, Input, Measurement, PERIOD_NS, SAMPLE_VERSION, SafeState, Sample, TargetKind, Tick, flags,
+    BeyondRange, Command, Fixture, Input, Measurement, PERIOD_NS, SAMPLE_VERSION, SafeState, Sample, TargetKind, Tick,
+    flags,
 };

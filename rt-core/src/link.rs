@@ -19,7 +19,7 @@ use iceoryx2::service::port_factory::{event, publish_subscribe};
 
 use crate::leftovers::{self, watched};
 use crate::loss::OutOfOrder;
-use crate::types::{SAMPLE_VERSION, Sample};
+use crate::types::{BeyondRange, SAMPLE_VERSION, Sample};
 
 /// Samples that a subscriber may lag behind before its oldest are overwritten: 8 s in real time.
 pub const BUFFER_SAMPLES: usize = 8192;
@@ -111,6 +111,14 @@ pub enum LinkError {
     Version {
         /// The version that came.
         got: u32,
+    },
+    /// A sample of which nothing can be reckoned.
+    #[error("sample of run {run}: {beyond}; does a program publish on this instance that is none of this project's?")]
+    BeyondRange {
+        /// Number of the run.
+        run: u32,
+        /// What is wrong with it.
+        beyond: BeyondRange,
     },
     /// A tick that can't follow those before it.
     #[error(transparent)]

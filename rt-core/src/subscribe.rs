@@ -75,6 +75,7 @@ impl SampleSubscriber {
             if sample.version != SAMPLE_VERSION {
                 return Err(LinkError::Version { got: sample.version });
             }
+            sample.in_range().map_err(|beyond| LinkError::BeyondRange { run: sample.run, beyond })?;
             self.tracker.received(arrival.origin().value(), &sample)?;
             into.push(sample);
             newest = Some((sample.run, sample.sequence()));

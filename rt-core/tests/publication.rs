@@ -65,6 +65,19 @@ fn a_sample_of_another_version_is_refused() {
     assert_eq!(subscriber.drain(&mut Vec::new()), Err(LinkError::Version { got: 99 }));
 }
 
+#[test]
+fn a_sample_with_numbers_that_no_run_comes_to_is_refused() {
+    let instance = instance("beyond");
+    let mut publication = Publication::start(&instance, Pace::LOCKSTEP).unwrap();
+    let mut subscriber = SampleSubscriber::open(&instance, Delivery::BestEffort).unwrap();
+    publication.publish(&Sample { tick: u64::MAX, ..sample(3, 0, true) });
+    publication.settle(SOON).unwrap();
+    let mut samples = Vec::new();
+    let error = subscriber.drain(&mut samples).unwrap_err();
+    assert!(matches!(error, LinkError::BeyondRange { run: 3, beyond } if beyond.field == "tick"), "{error}");
+    assert_eq!(samples, []);
+}
+
 /// Hung for ever: to the transport a wait of no length is one without end. Not called from here, so that it fails instead.
 #[test]
 fn a_look_without_a_wait_comes_back_where_nobody_publishes() {

@@ -7,6 +7,7 @@ use crate::failure::{Failure, Kind};
 use crate::interrupt;
 use crate::keyboard::{self, Keyboard};
 use crate::operator;
+use crate::over::OverAtEnd;
 use crate::progress::Progress;
 use crate::recorder::OnFull;
 use crate::rig_file::{DeviceSpec, Rig};
@@ -219,6 +220,7 @@ pub(super) fn listening<T>(
 ) -> Result<T, Failure> {
     let over = AtomicBool::new(false);
     std::thread::scope(|scope| {
+        let _over = OverAtEnd(&over);
         scope.spawn(|| {
             // The port belongs to the thread that opens it.
             let served = CommandServer::open(instance).and_then(|mut server| {
@@ -235,9 +237,7 @@ pub(super) fn listening<T>(
         if keys.is_some() {
             progress.say(keyboard::HELP);
         }
-        let outcome = work();
-        over.store(true, Ordering::Relaxed);
-        outcome
+        work()
     })
 }
 

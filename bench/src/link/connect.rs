@@ -6,6 +6,7 @@ use super::message::{Asked, Said};
 use super::passage::{Crossed, Passage};
 use super::{State, VERSION, broken, key};
 use crate::failure::{Failure, Kind};
+use crate::over::OverAtEnd;
 use recordings::carried;
 use rt_core::announce::Announcer;
 use rt_core::{Answer, CommandServer, LinkError, Refusal, Relay, RunCommand, Sample};
@@ -60,6 +61,7 @@ pub fn connect(settings: &Settings, end: &AtomicBool, say: &(dyn Fn(&str) + Sync
 
     let over = AtomicBool::new(false);
     std::thread::scope(|scope| {
+        let _over = OverAtEnd(&over);
         scope.spawn(|| pass_commands(settings, &line, &over, say));
         let (relay, now) = (Some(relay), Instant::now());
         let mut arrival = Arrival {
@@ -75,9 +77,7 @@ pub fn connect(settings: &Settings, end: &AtomicBool, say: &(dyn Fn(&str) + Sync
             lost: 0,
             told: now,
         };
-        let outcome = arrival.follow(&incoming, end);
-        over.store(true, Ordering::Relaxed);
-        outcome
+        arrival.follow(&incoming, end)
     })?;
     line.close()
 }

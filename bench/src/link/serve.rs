@@ -4,6 +4,7 @@
 use super::message::{Asked, Said};
 use super::{State, VERSION, broken, free, key, session};
 use crate::failure::{Failure, Kind};
+use crate::over::OverAtEnd;
 use recordings::carry;
 use rt_core::announce::Announcements;
 use rt_core::{Answer, Delivery, LinkError, Refusal, RunCommand, Sample, SampleSubscriber, send_command};
@@ -80,12 +81,11 @@ pub fn serve(settings: &Settings, end: &AtomicBool, say: &(dyn Fn(&str) + Sync))
 
     let over = AtomicBool::new(false);
     std::thread::scope(|scope| {
+        let _over = OverAtEnd(&over);
         let until = &over;
         scope.spawn(move || obey(settings, &asked, until, say));
         let sender = Sender::new(settings, &session, setups);
-        let outcome = sender.and_then(|mut sender| sender.follow(subscriber, announcements, end));
-        over.store(true, Ordering::Relaxed);
-        outcome
+        sender.and_then(|mut sender| sender.follow(subscriber, announcements, end))
     })?;
     session.close().wait().map_err(|e| broken("closing", &e))
 }

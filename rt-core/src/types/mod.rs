@@ -7,7 +7,7 @@
 mod sample;
 mod target_kind;
 
-pub use sample::{SAMPLE_VERSION, Sample, flags};
+pub use sample::{BeyondRange, SAMPLE_VERSION, Sample, flags};
 pub use target_kind::TargetKind;
 
 /// Period of the loop, nanoseconds (1 kHz).

@@ -7,6 +7,23 @@ use super::{Measurement, TargetKind};
 /// Version of [`Sample`]'s layout; a subscriber refuses another.
 pub const SAMPLE_VERSION: u32 = 3;
 
+/// A tick of a run is below this: 139 years.
+const TICKS: u64 = 1 << 42;
+/// A time of a run, and the clock that it goes by, is below this, ns: 146 years.
+const TIMES_NS: u64 = 1 << 62;
+
+/// A number that no run comes to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("expected {field} below {bound}, got {got}: no run comes to that")]
+pub struct BeyondRange {
+    /// Field of the sample.
+    pub field: &'static str,
+    /// What is too much.
+    pub bound: u64,
+    /// What came.
+    pub got: u64,
+}
+
 /// One tick as it is published. Fixed size, versioned; the type name is part of the service's contract with other
 /// languages. Durations of 4.3 s and more read `u32::MAX`.
 #[derive(Clone, Copy, Debug, PartialEq, ZeroCopySend)]
@@ -151,6 +168,32 @@ impl Sample {
         self.tick.saturating_sub(self.skipped)
     }
 
+    /// Whether ticks and times are such that what is reckoned with them stays in range: whoever takes samples from outside asks first.
+    ///
+    /// # Errors
+    /// The first field that is not.
+    #[inline]
+    pub fn in_range(&self) -> Result<(), BeyondRange> {
+        // Both bounds are powers of two: one look for all fields of a kind.
+        if (self.tick | self.skipped) < TICKS && (self.scheduled_ns | self.woken_ns | self.lateness_ns) < TIMES_NS {
+            return Ok(());
+        }
+        Err(self.beyond())
+    }
+
+    #[cold]
+    fn beyond(&self) -> BeyondRange {
+        let of = |field, bound, got| BeyondRange { field, bound, got };
+        let fields = [
+            of("tick", TICKS, self.tick),
+            of("skipped", TICKS, self.skipped),
+            of("scheduled_ns", TIMES_NS, self.scheduled_ns),
+            of("woken_ns", TIMES_NS, self.woken_ns),
+        ];
+        let last = of("lateness_ns", TIMES_NS, self.lateness_ns);
+        fields.into_iter().find(|field| field.got >= field.bound).unwrap_or(last)
+    }
+
     /// The measurement that this sample carries, as the device gave it.
     pub fn measurement(&self) -> Measurement {
         Measurement {
@@ -214,6 +257,30 @@ impl Sample {
 mod tests {
     use super::*;
     use std::mem::{align_of, offset_of, size_of};
+
+    #[test]
+    fn what_no_run_comes_to_is_out_of_range() {
+        let most = TICKS - 1;
+        let largest = Sample {
+            tick: most,
+            skipped: most,
+            scheduled_ns: most * crate::types::PERIOD_NS,
+            woken_ns: TIMES_NS - 1,
+            lateness_ns: TIMES_NS - 1,
+            ..Sample::BLANK
+        };
+        assert_eq!(largest.in_range(), Ok(()));
+        for (beyond, field) in [
+            (Sample { tick: TICKS, ..largest }, "tick"),
+            (Sample { tick: u64::MAX, ..largest }, "tick"),
+            (Sample { skipped: u64::MAX, ..largest }, "skipped"),
+            (Sample { scheduled_ns: TIMES_NS, ..largest }, "scheduled_ns"),
+            (Sample { woken_ns: u64::MAX, ..largest }, "woken_ns"),
+            (Sample { lateness_ns: TIMES_NS, ..largest }, "lateness_ns"),
+        ] {
+            assert_eq!(beyond.in_range().map_err(|beyond| beyond.field), Err(field));
+        }
+    }
 
     /// The layout is a contract with subscribers in other languages and with recordings: changing it is a new
     /// [`SAMPLE_VERSION`].
