@@ -92,6 +92,16 @@ fn what_can_not_be_meant_is_refused_at_the_start() {
 }
 
 #[test]
+fn a_second_service_that_is_refused_leaves_the_first_one_s_token_where_it_is() {
+    let service = Service::start(&["--control"]);
+    let mut second = bench(&["serve", "--control", "--instance", &service.instance, "--listen", "127.0.0.1:0"]);
+    second.env("XDG_RUNTIME_DIR", service.path()).env_remove("RUNTIME_DIRECTORY");
+    assert_eq!(second.output().expect("the program starts").status.code(), Some(4));
+    let file = service.path().join("rec-bench").join(format!("{}.token", service.instance));
+    assert_eq!(std::fs::read_to_string(file).expect("it is there").trim(), service.token.as_deref().expect("said"));
+}
+
+#[test]
 fn a_queued_run_is_run_when_armed_shown_and_recorded() {
     let mut service = Service::start(&["--control"]);
     let mut live = service.live();

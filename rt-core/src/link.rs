@@ -253,7 +253,11 @@ pub(crate) fn patiently<T, E>(mut attempt: impl FnMut() -> Result<T, E>) -> Resu
     attempt()
 }
 
-pub(crate) fn validate_instance(instance: &str) -> Result<(), LinkError> {
+/// Whether this can be an instance's name, and part of a file's.
+///
+/// # Errors
+/// It can't.
+pub fn validate_instance(instance: &str) -> Result<(), LinkError> {
     let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
     if (1..=INSTANCE_MAX_LEN).contains(&instance.len()) && instance.chars().all(allowed) {
         Ok(())

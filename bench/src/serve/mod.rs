@@ -97,18 +97,19 @@ pub fn serve(settings: Settings, progress: &Progress) -> Result<(), Failure> {
     let rig = Rig::read(settings.rig.as_deref())?;
     let library = Arc::new(Library::read(settings.profiles.as_deref())?);
     let (listener, address) = listen(&settings)?;
-    let token = match (&settings.token_file, settings.control) {
-        (_, false) => None,
-        (Some(file), true) => Some(Arc::new(Token::read(file)?)),
-        (None, true) => Some(Arc::new(Token::draw(&settings.instance)?)),
-    };
+    let given = settings.token_file.as_deref().filter(|_| settings.control).map(Token::read).transpose()?;
     let (switches, _driving) = interrupt::driving()?;
     let board = Arc::new(Board::new(service_view(&rig, &settings), Arc::default()));
     let over = Arc::new(AtomicBool::new(false));
     let (to_supervisor, messages) = mpsc::channel();
 
     let (line, orders) = mpsc::channel();
-    let threads = Threads::start(&settings, &board, &over, &to_supervisor, orders, {
+    let mut threads = Threads(Vec::new());
+    threads.start_channel(&settings, &board, &over, &to_supervisor)?;
+    // Now that no other service serves this instance: its token's file would be replaced.
+    let drawn = (settings.control && given.is_none()).then(|| Token::draw(&settings.instance)).transpose()?;
+    let token = given.or(drawn).map(Arc::new);
+    threads.start(&settings, &board, &over, &to_supervisor, orders, {
         let web = Web {
             board: Arc::clone(&board),
             library: Arc::clone(&library),
@@ -213,35 +214,41 @@ fn announce(address: SocketAddr, token: Option<&Token>, progress: &Progress) {
 struct Threads(Vec<JoinHandle<()>>);
 
 impl Threads {
+    fn spawn(&mut self, name: &str, work: impl FnOnce() + Send + 'static) -> Result<(), Failure> {
+        let thread = thread::Builder::new().name(name.to_owned()).spawn(work);
+        self.0.push(thread.map_err(|error| Failure::new(Kind::Internal, format!("thread {name:?}: {error}")))?);
+        Ok(())
+    }
+
+    /// First: who else serves this instance is found out before anything else is begun.
+    fn start_channel(
+        &mut self,
+        settings: &Settings,
+        board: &Arc<Board>,
+        over: &Arc<AtomicBool>,
+        to_supervisor: &mpsc::Sender<Message>,
+    ) -> Result<(), Failure> {
+        let (ready, is_ready) = mpsc::channel();
+        let (instance, to) = (settings.instance.clone(), to_supervisor.clone());
+        let (board, over) = (Arc::clone(board), Arc::clone(over));
+        self.spawn("channel", move || {
+            channel::serve(&instance, &board, &to, &over, |outcome| drop(ready.send(outcome)));
+        })?;
+        let served =
+            is_ready.recv().map_err(|_| Failure::new(Kind::Internal, "thread \"channel\" ended at its start"))?;
+        served.map_err(|error| Failure::of(Kind::Device, &error))
+    }
+
     fn start(
+        &mut self,
         settings: &Settings,
         board: &Arc<Board>,
         over: &Arc<AtomicBool>,
         to_supervisor: &mpsc::Sender<Message>,
         orders: mpsc::Receiver<line::Order>,
         (web, listener, address): (Web, TcpListener, SocketAddr),
-    ) -> Result<Threads, Failure> {
-        let mut threads = Vec::new();
-        let mut start = |name: &str, work: Box<dyn FnOnce() + Send>| {
-            let thread = thread::Builder::new().name(name.to_owned()).spawn(work);
-            let thread = thread.map_err(|error| Failure::new(Kind::Internal, format!("thread {name:?}: {error}")))?;
-            threads.push(thread);
-            Ok::<(), Failure>(())
-        };
+    ) -> Result<(), Failure> {
         let parts = || (settings.instance.clone(), Arc::clone(board), Arc::clone(over), to_supervisor.clone());
-
-        // First: who else serves this instance is found out before anything else is begun.
-        let (ready, is_ready) = mpsc::channel();
-        let (instance, board_there, over_there, to) = parts();
-        start(
-            "channel",
-            Box::new(move || {
-                channel::serve(&instance, &board_there, &to, &over_there, |outcome| drop(ready.send(outcome)));
-            }),
-        )?;
-        let served =
-            is_ready.recv().map_err(|_| Failure::new(Kind::Internal, "thread \"channel\" ended at its start"))?;
-        served.map_err(|error| Failure::of(Kind::Device, &error))?;
 
         let (instance, board_there, over_there, to) = parts();
         let control = settings.control;
@@ -251,21 +258,17 @@ impl Threads {
                 let _ = to.send(Message::TripSeen(held));
             }
         };
-        start("samples", Box::new(move || monitor::follow(&instance, &board_there, &over_there, trip_seen)))?;
+        self.spawn("samples", move || monitor::follow(&instance, &board_there, &over_there, trip_seen))?;
         let (instance, board_there, over_there, to) = parts();
-        start("line", Box::new(move || line::serve(&instance, &board_there, &orders, &to, &over_there)))?;
+        self.spawn("line", move || line::serve(&instance, &board_there, &orders, &to, &over_there))?;
         let (instance, board_there, over_there, _) = parts();
-        start("people", Box::new(move || people::watch(&instance, &board_there, &over_there)))?;
+        self.spawn("people", move || people::watch(&instance, &board_there, &over_there))?;
         let board_there = Arc::clone(board);
-        start(
-            "web",
-            Box::new(move || {
-                if let Err(error) = web::serve(web, listener, address) {
-                    board_there.note(Severity::Error, "service", &format!("HTTP: {error}"), None);
-                }
-            }),
-        )?;
-        Ok(Threads(threads))
+        self.spawn("web", move || {
+            if let Err(error) = web::serve(web, listener, address) {
+                board_there.note(Severity::Error, "service", &format!("HTTP: {error}"), None);
+            }
+        })
     }
 
     /// Waits for them; one that does not come to its end goes with the process.

@@ -3,6 +3,7 @@
 use crate::failure::{Failure, Kind};
 use rand::TryRngCore;
 use rand::rngs::OsRng;
+use rt_core::link::validate_instance;
 use std::fmt;
 use std::fs::{self, DirBuilder, OpenOptions};
 use std::io::Write;
@@ -59,8 +60,9 @@ impl Token {
     /// A new one, in a file of the user's runtime folder. What an earlier service of this instance left there is replaced.
     ///
     /// # Errors
-    /// No random numbers, no place for the file (1).
+    /// A name that is none: it becomes part of the path (2). No random numbers, no place for the file (1).
     pub fn draw(instance: &str) -> Result<Token, Failure> {
+        validate_instance(instance).map_err(|error| Failure::of(Kind::Input, &error))?;
         let failed = |what: String| Failure::new(Kind::Internal, format!("{what}; give one by --token-file"));
         let mut bytes = [0_u8; DRAWN];
         OsRng.try_fill_bytes(&mut bytes).map_err(|error| failed(format!("no random token: {error}")))?;
@@ -91,8 +93,8 @@ impl Token {
 
 impl Drop for Token {
     fn drop(&mut self) {
-        if self.drawn {
-            // It is worth nothing any more.
+        // It is worth nothing any more. Another one that a later service wrote there is.
+        if self.drawn && fs::read_to_string(&self.file).is_ok_and(|text| text.trim() == self.secret) {
             let _ = fs::remove_file(&self.file);
         }
     }
@@ -166,5 +168,14 @@ mod tests {
         assert!(!file.exists());
         let second = Token::draw(&instance).expect("it is drawn");
         assert!(!second.is(&said));
+        let third = Token::draw(&instance).expect("it is drawn");
+        drop(second);
+        assert_eq!(fs::read_to_string(&third.file).expect("another's is left alone").trim(), third.reveal());
+    }
+
+    #[test]
+    fn a_name_that_would_leave_its_folder_is_refused() {
+        let failure = Token::draw("../elsewhere").expect_err("no name");
+        assert!(failure.exit_code() == 2 && failure.message.contains("instance name"), "{failure}");
     }
 }
