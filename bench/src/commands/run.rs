@@ -9,7 +9,7 @@ use crate::keyboard::{self, Keyboard};
 use crate::operator;
 use crate::over::OverAtEnd;
 use crate::progress::Progress;
-use crate::recorder::OnFull;
+use crate::recorder::{OnFull, first_free};
 use crate::rig_file::{DeviceSpec, Rig};
 use crate::runner::{Finished, Plan, Runner, certify, judge};
 use crate::setup::Knowledge;
@@ -268,7 +268,7 @@ pub(crate) fn free_file(folder: &Path, name: &str) -> PathBuf {
         let again = if n > 1 { format!("-{n}") } else { String::new() };
         folder.join(format!("{now}_{name}{again}.mcap"))
     };
-    (1..).map(file).find(|path| !path.exists()).expect("there are more names than files")
+    first_free((1..).map(file))
 }
 
 /// From here on the end of the parent's thread that started this process stops the run.

@@ -253,9 +253,36 @@ fn free_file(out: &Path, number: u32) -> PathBuf {
         return out.to_owned();
     }
     let stem = out.file_stem().unwrap_or_default().to_string_lossy();
-    let taken = |path: &Path| path.exists() || path.with_extension("mcap.part").exists();
-    let names = (number..).map(|n| out.with_file_name(format!("{stem}-{n}.mcap")));
-    names.into_iter().find(|path| !taken(path)).expect("there are more names than files")
+    first_free((number..).map(|n| out.with_file_name(format!("{stem}-{n}.mcap"))))
+}
+
+/// The first of these `.mcap` names that neither a recording bears nor the part of one, which would be refused as well.
+pub(crate) fn first_free(mut names: impl Iterator<Item = PathBuf>) -> PathBuf {
+    let there = |path: &Path| path.symlink_metadata().is_ok();
+    let free = |path: &PathBuf| !there(path) && !there(&path.with_extension("mcap.part"));
+    names.find(free).expect("there are more names than files")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn neither_a_recording_nor_the_part_of_one_leaves_its_name_free() {
+        let dir = tempfile::tempdir().expect("a temporary folder");
+        let put = |name: &str| std::fs::write(dir.path().join(name), "").expect("writable");
+        let free = || {
+            let names = (1..).map(|n| dir.path().join(format!("a.b-{n}.mcap")));
+            first_free(names).file_name().map(|name| name.to_string_lossy().into_owned())
+        };
+        assert_eq!(free().as_deref(), Some("a.b-1.mcap"));
+        put("a.b-1.mcap");
+        assert_eq!(free().as_deref(), Some("a.b-2.mcap"));
+        put("a.b-2.mcap.part");
+        assert_eq!(free().as_deref(), Some("a.b-3.mcap"));
+        assert_eq!(free_file(&dir.path().join("a.b.mcap"), 1), dir.path().join("a.b.mcap"), "asked for by its name");
+        assert_eq!(free_file(&dir.path().join("a.b.mcap"), 2), dir.path().join("a.b-3.mcap"));
+    }
 }
 
 #[cfg(test)]
