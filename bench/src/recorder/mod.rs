@@ -89,8 +89,16 @@ pub fn record(plan: &Plan, end: &AtomicBool, listener: &mut dyn Listener) -> Res
     let announcements = Announcements::open(&plan.instance)?;
     let subscriber = SampleSubscriber::open(&plan.instance, Delivery::Lossless)?;
     listener.say(&format!("waiting for a run of instance {:?}", plan.instance));
-    let mut recorder =
-        Recorder { plan, listener, announcements, open: None, begun: 0, closed: 0, asked_to_stop: false };
+    let mut recorder = Recorder {
+        plan,
+        listener,
+        announcements,
+        unheard: None,
+        open: None,
+        begun: 0,
+        closed: 0,
+        asked_to_stop: false,
+    };
     let outcome = recorder.follow(subscriber, end);
     recorder.close(Ending::Interrupted);
     outcome
@@ -100,6 +108,8 @@ struct Recorder<'a> {
     plan: &'a Plan,
     listener: &'a mut dyn Listener,
     announcements: Announcements,
+    /// Why an announcement was not understood, until a run begins that may have been the one.
+    unheard: Option<LinkError>,
     open: Option<RunFile>,
     begun: u32,
     closed: u32,
@@ -115,11 +125,14 @@ impl Recorder<'_> {
         while !self.fulfilled() && !end.load(Ordering::Relaxed) {
             samples.clear();
             let received = subscriber.receive(LOOK, &mut samples);
-            self.announcements.hear()?;
             // The recordings count for themselves: what they certify is what they hold.
             while subscriber.take_certificate().is_some() {}
+            // Before anything that may fail: what has arrived comes from nowhere again.
             self.take(&samples)?;
             received?;
+            if let Err(error) = self.announcements.hear() {
+                self.unheard = Some(error);
+            }
             if !samples.is_empty() || self.open.is_none() {
                 heard = Instant::now();
             } else if heard.elapsed() >= SILENCE {
@@ -163,7 +176,7 @@ impl Recorder<'_> {
 
     fn begin(&mut self, first: &Sample) -> Result<RunFile, RecorderError> {
         let path = free_file(&self.plan.out, self.begun + 1);
-        let mut metadata = self.description(first.run)?.unwrap_or_else(|| {
+        let mut metadata = self.description(first.run).unwrap_or_else(|| {
             let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
             RunMetadata { name, ..self.plan.metadata.clone() }
         });
@@ -181,19 +194,22 @@ impl Recorder<'_> {
         Ok(file)
     }
 
-    /// What the service says of its run.
-    fn description(&mut self, run: u32) -> Result<Option<RunMetadata>, RecorderError> {
-        let announced = self.announcements.of_run(run, PATIENCE)?.map(RunMetadata::from_record);
-        let why = match announced {
-            Some(Ok(metadata)) => return Ok(Some(metadata)),
-            Some(Err(error)) => error,
-            None => "it says nothing".to_owned(),
+    /// What the service says of its run. A run of which it says nothing, or nothing that is understood, is recorded all the same.
+    fn description(&mut self, run: u32) -> Option<RunMetadata> {
+        let unheard = self.unheard.take();
+        let why = match self.announcements.of_run(run, PATIENCE) {
+            Ok(Some(record)) => match RunMetadata::from_record(record) {
+                Ok(metadata) => return Some(metadata),
+                Err(error) => error,
+            },
+            Ok(None) => unheard.map_or_else(|| "it says nothing".to_owned(), |error| error.to_string()),
+            Err(error) => error.to_string(),
         };
         self.listener.say(&format!(
             "run {run}: expected its service to say what it runs: {why}; the recording has protocol, role and plane from the command line and \
              can't be replayed"
         ));
-        Ok(None)
+        None
     }
 
     fn heed(&mut self, taken: Taken) {
