@@ -185,6 +185,19 @@ impl CommandServer {
         switches: &Switches,
         text: &dyn Fn() -> String,
     ) -> Result<(), LinkError> {
+        let served = self.take_requests(timeout, switches, text);
+        if served.is_err() {
+            self.withdraw(switches);
+        }
+        served
+    }
+
+    fn take_requests(
+        &mut self,
+        timeout: Duration,
+        switches: &Switches,
+        text: &dyn Fn() -> String,
+    ) -> Result<(), LinkError> {
         self.requests.wait(if self.confirming.is_empty() { timeout } else { LOOK })?;
         while let Some(asked) = self.requests.receive()? {
             let taken = match asked.payload().command() {
@@ -207,6 +220,17 @@ impl CommandServer {
         }
         self.confirm(switches, text);
         Ok(())
+    }
+
+    /// What was asked for can't be answered any more; the way to the loop must be free for who asks next.
+    fn withdraw(&mut self, switches: &Switches) {
+        let slot = &switches.confirmations;
+        self.confirming.clear();
+        let Some(since) = self.offered.take() else { return };
+        // A verdict that is just being made takes less than a tick.
+        while slot.verdict().is_none() && !slot.withdraw() && since.elapsed() < VERDICT_PATIENCE {
+            std::thread::sleep(LOOK);
+        }
     }
 
     /// Waits up to `timeout` for commands and lets `decide` answer each of them: for a program that carries them to the machine on which the

@@ -7,7 +7,7 @@ use crate::failure::{Failure, Kind};
 use crate::interrupt;
 use crate::keyboard::{self, Keyboard};
 use crate::operator;
-use crate::over::OverAtEnd;
+use crate::over::{OverAtEnd, keep_open};
 use crate::progress::Progress;
 use crate::recorder::{OnFull, first_free};
 use crate::rig_file::{DeviceSpec, Rig};
@@ -15,12 +15,12 @@ use crate::runner::{Finished, Plan, Runner, certify, judge};
 use crate::setup::Knowledge;
 use crate::timing::Timing;
 use profiles::{BUILTIN, Context, EXAMPLES, Script};
-use rt_core::{CommandServer, Ended, Switches};
+use rt_core::{CommandServer, Ended, LinkError, Switches};
 use rustix::process::{Signal, getppid, set_parent_process_death_signal};
 use rustix::thread::set_name;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 /// Instance on which a run is published unless another is named.
@@ -222,16 +222,13 @@ pub(super) fn listening<T>(
     std::thread::scope(|scope| {
         let _over = OverAtEnd(&over);
         scope.spawn(|| {
-            // The port belongs to the thread that opens it.
-            let served = CommandServer::open(instance).and_then(|mut server| {
-                while !over.load(Ordering::Relaxed) {
-                    server.serve(Duration::from_millis(50), switches, &operator::open_request)?;
-                }
-                Ok(())
-            });
-            if let Err(error) = served {
-                progress.say(&format!("`bench stop` and `bench confirm` can't reach this run: {error}"));
-            }
+            let serve =
+                |server: &mut CommandServer| server.serve(Duration::from_millis(50), switches, &operator::open_request);
+            let say = |error: &LinkError| {
+                progress
+                    .say(&format!("`bench stop` and `bench confirm` can't reach this run, it is tried again: {error}"));
+            };
+            keep_open(&over, || CommandServer::open(instance), serve, say);
         });
         let keys = Keyboard::watch(switches, progress);
         if keys.is_some() {

@@ -6,7 +6,7 @@ use super::message::{Asked, Said};
 use super::passage::{Crossed, Passage};
 use super::{State, VERSION, broken, key};
 use crate::failure::{Failure, Kind};
-use crate::over::OverAtEnd;
+use crate::over::{OverAtEnd, keep_open};
 use recordings::carried;
 use rt_core::announce::Announcer;
 use rt_core::{Answer, CommandServer, LinkError, Refusal, Relay, RunCommand, Sample};
@@ -267,17 +267,13 @@ impl Arrival<'_> {
     }
 }
 
-/// Passes this machine's commands on until it is over. The port belongs to the thread that opens it.
+/// Passes this machine's commands on until it is over.
 fn pass_commands(settings: &Settings, line: &Line, over: &AtomicBool, say: &(dyn Fn(&str) + Sync)) {
-    let served = CommandServer::open(&settings.instance).and_then(|mut server| {
-        while !over.load(Ordering::Relaxed) {
-            server.pass_on(Duration::from_millis(50), &mut |command| ask(settings, line, command))?;
-        }
-        Ok(())
-    });
-    if let Err(error) = served {
-        say(&format!("commands of this machine can't cross: {error}"));
-    }
+    let pass = |server: &mut CommandServer| {
+        server.pass_on(Duration::from_millis(50), &mut |command| ask(settings, line, command))
+    };
+    let trouble = |error: &LinkError| say(&format!("commands of this machine can't cross, it is tried again: {error}"));
+    keep_open(over, || CommandServer::open(&settings.instance), pass, trouble);
 }
 
 /// Asks the rig's end and waits for its answer.

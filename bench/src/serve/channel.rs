@@ -3,8 +3,9 @@
 use super::board::Board;
 use super::event_log::Severity;
 use super::supervisor::{Answer, Message, Way};
+use crate::over::keep_open;
 use rt_core::{LinkError, ServiceAnswer, ServiceCommand, ServiceServer, ServiceState};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::Sender;
 use std::time::Duration;
 use tokio::sync::oneshot;
@@ -14,7 +15,7 @@ use super::state::Refusal;
 /// Longest wait for a command before the thread looks whether it is to end.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Serves the channel until `over`. `ready` hears whether it could be had.
+/// Serves the channel until `over`. `ready` hears whether it could be had; where it fails later it is opened anew.
 pub fn serve(
     instance: &str,
     board: &Board,
@@ -22,23 +23,25 @@ pub fn serve(
     over: &AtomicBool,
     ready: impl FnOnce(Result<(), LinkError>),
 ) {
-    let mut server = match ServiceServer::open(instance) {
+    let mut first = match ServiceServer::open(instance) {
         Ok(server) => {
             ready(Ok(()));
-            server
+            Some(server)
         }
         Err(error) => return ready(Err(error)),
     };
-    while !over.load(Ordering::Relaxed) {
-        let served = server.serve(LOOK, |command| {
+    let open = || first.take().map_or_else(|| ServiceServer::open(instance), Ok);
+    let serve = |server: &mut ServiceServer| {
+        server.serve(LOOK, |command| {
             let answer = obey(board, to_supervisor, command);
             answered(board, answer)
-        });
-        if let Err(error) = served {
-            board.note(Severity::Error, "service", &format!("commands by shared memory: {error}"), None);
-            return;
-        }
-    }
+        })
+    };
+    let say = |error: &LinkError| {
+        let text = format!("commands by shared memory do not come, it is tried again: {error}");
+        board.note(Severity::Error, "service", &text, None);
+    };
+    keep_open(over, open, serve, say);
 }
 
 fn obey(board: &Board, to_supervisor: &Sender<Message>, command: ServiceCommand) -> Answer {
