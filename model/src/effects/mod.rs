@@ -1,6 +1,6 @@
 //! The library of effects: physical effects that the reference model lacks, one file each.
 //!
-//! Adding an effect = one file with a [`Law`] + one line in [`LIBRARY`] (or in [`MECHANICAL`], for other plants than the rig). The emulated rig can be given it, identification
+//! Adding an effect = one file with a [`Law`] + one line in [`LIBRARY`] and one in `order.rs` (or one in [`MECHANICAL`], for other plants than the rig). The emulated rig can be given it, identification
 //! can fit it, and the diagnosis proposes it; the tests over the list hold it to the rules.
 
 use crate::port::{Port, PortKind, Rest};
@@ -23,6 +23,7 @@ mod external_leakage;
 mod force_offset;
 mod lag;
 mod line_inertance;
+mod order;
 mod pressure_drift;
 mod pressure_friction;
 mod pressure_lag;
@@ -252,6 +253,8 @@ impl std::fmt::Debug for dyn Effect {
 /// An effect with its parameters and the place of its states.
 struct Active<S> {
     effect: &'static dyn Effect,
+    /// Its place among those that act.
+    rank: usize,
     k: Vec<S>,
     /// Its states in the plant's state vector.
     own: std::ops::Range<usize>,
@@ -261,7 +264,10 @@ struct Active<S> {
 
 /// The effects that a plant carries.
 pub struct EffectSet<S> {
+    /// In the order in which they act, which is not that of their states.
     items: Vec<Active<S>>,
+    /// Number of the plant's own states.
+    plant_states: usize,
     /// Number of states of all effects together.
     pub states: usize,
     ports: u8,
@@ -276,30 +282,36 @@ impl EffectSet<Tangent> {
     pub(crate) fn values(&self) -> EffectSet<f64> {
         let value = |a: &Active<Tangent>| Active {
             effect: a.effect,
+            rank: a.rank,
             k: a.k.iter().map(|v| v.value).collect(),
             own: a.own.clone(),
             ports: a.ports,
         };
-        let EffectSet { states, ports, sensor_states, closes_volume, .. } = *self;
-        EffectSet { items: self.items.iter().map(value).collect(), states, ports, sensor_states, closes_volume }
+        let EffectSet { plant_states, states, ports, sensor_states, closes_volume, .. } = *self;
+        let items = self.items.iter().map(value).collect();
+        EffectSet { items, plant_states, states, ports, sensor_states, closes_volume }
     }
 }
 
 impl<S: Scalar> EffectSet<S> {
     /// No effect: the reference model.
     pub fn none() -> Self {
-        EffectSet { items: Vec::new(), states: 0, ports: 0, sensor_states: false, closes_volume: false }
+        let items = Vec::new();
+        EffectSet { items, plant_states: 0, states: 0, ports: 0, sensor_states: false, closes_volume: false }
     }
 
-    /// These effects, each with parameters in its header's order. `plant_states`: number of the plant's own states.
+    /// These effects, each with parameters in its header's order. `plant_states`: number of the plant's own states. Their states follow in the order given;
+    /// they act in a physical order, whichever is given.
     pub fn new(plant_states: usize, effects: impl IntoIterator<Item = (&'static dyn Effect, Vec<S>)>) -> Self {
-        let mut set = Self::none();
+        let mut set = EffectSet { plant_states, ..Self::none() };
         for (effect, k) in effects {
             let header = effect.header();
             assert_eq!(k.len(), header.parameters.len(), "{} takes {} parameters", header.id, header.parameters.len());
             let first = plant_states + set.states;
             let ports = header.ports.iter().fold(0, |bits, port| bits | 1 << *port as u8);
-            set.items.push(Active { effect, k, own: first..first + header.states, ports });
+            let rank = order::rank(header.id);
+            let place = set.items.partition_point(|a| a.rank <= rank);
+            set.items.insert(place, Active { effect, rank, k, own: first..first + header.states, ports });
             set.states += header.states;
             set.ports |= ports;
             set.closes_volume |= effect.closes_volume();
@@ -333,7 +345,7 @@ impl<S: Scalar> EffectSet<S> {
         !(between || self.touches(PortKind::Mechanical))
     }
 
-    /// Lets every effect of this port act, in the order of the set.
+    /// Lets every effect of this port act.
     pub fn act(&self, x: &[S], dx: &mut [S], mut port: Port<'_, S>) {
         let bit = 1 << port.kind() as u8;
         for a in &self.items {
@@ -343,13 +355,10 @@ impl<S: Scalar> EffectSet<S> {
         }
     }
 
-    /// Sets every effect's states for the plant at rest; `x`: the effects' states, in order.
+    /// Sets every effect's states for the plant at rest; `x`: the effects' states, in the order in which they were given.
     pub fn rest(&self, rest: &Rest<S>, x: &mut [S]) {
-        let mut first = 0;
         for a in &self.items {
-            let states = a.own.len();
-            S::rest(a.effect, &a.k, rest, &mut x[first..first + states]);
-            first += states;
+            S::rest(a.effect, &a.k, rest, &mut x[a.own.start - self.plant_states..a.own.end - self.plant_states]);
         }
     }
 }

@@ -5,6 +5,7 @@ use rand_chacha::ChaCha8Rng;
 
 mod energy;
 mod forms;
+mod pairs;
 mod slopes;
 
 use super::*;
