@@ -327,6 +327,12 @@ fn a_line_with_oil_to_compress_swings_and_one_without_follows_as_a_lag() {
     let peak = swing.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).expect("not empty");
     assert!((peak.0 as f64 * 2e-5 / (0.5 * period) - 1.0).abs() < 0.01, "{} s", peak.0 as f64 * 2e-5);
     alike(peak.1 / 4.0 - 1.0, (-damping * 0.5 * period).exp());
+    // a light line, whose own lag is far below a millisecond, swings with its oil all the same: 25.2 Hz
+    let light = line_flow(&[2e-3, 0.02, 0.0], 0.142, 4.0);
+    let rises: Vec<usize> = (1..light.len()).filter(|n| light[n - 1] < 4.0 && light[*n] >= 4.0).collect();
+    let hertz = (rises.len() - 1) as f64 / ((rises[rises.len() - 1] - rises[0]) as f64 * 2e-5);
+    let (w0, damping) = ((1.0f64 / (2e-3 * 0.02)).sqrt(), 0.5 * 0.142 / 0.02);
+    assert!((hertz * std::f64::consts::TAU / (w0 * w0 - damping * damping).sqrt() - 1.0).abs() < 0.01, "{hertz} Hz");
     let lag = line_flow(&[0.4, 0.0, 0.0], 0.25, 4.0);
     assert!((lag[5_000] - 4.0 * (1.0 - (-1f64).exp())).abs() < 0.06, "{}", lag[5_000]);
     assert!(lag.windows(2).all(|w| w[1] >= w[0]) && (lag[24_999] - 4.0).abs() < 0.04);
