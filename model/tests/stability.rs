@@ -4,7 +4,7 @@ mod common;
 
 use common::{MIDDLE, input};
 use model::Parameters;
-use model::effects::{EffectSet, LIBRARY, Parameter};
+use model::effects::{Effect, EffectSet, LIBRARY, Parameter};
 use model::integrate::{Integrator, SimulationError};
 use model::rec::{self, Input, STATES, state::*};
 
@@ -18,13 +18,18 @@ fn wave(t: f64) -> Input {
     }
 }
 
+/// The library and its refined forms.
+fn all() -> impl Iterator<Item = &'static dyn Effect> {
+    LIBRARY.iter().flat_map(|e| std::iter::once(*e).chain(e.refined().map(|r| r.effect)))
+}
+
 #[test]
 fn every_effect_with_a_millisecond_step() {
     let k = Parameters::example().to_vector();
-    for effect in LIBRARY {
+    for effect in all() {
         let h = effect.header();
         for start in h.starts {
-            let effects = EffectSet::new(STATES, [(*effect, start.to_vec())]);
+            let effects = EffectSet::new(STATES, [(effect, start.to_vec())]);
             let mut coarse = MIDDLE.to_vec();
             coarse.resize(STATES + h.states, 0.0);
             rec::rest_states(&wave(0.0), &k, &effects, &mut coarse);
@@ -40,8 +45,9 @@ fn every_effect_with_a_millisecond_step() {
                     *w = w.max((coarse[i] - fine[i]).abs());
                 }
             }
-            // far below any sensor's noise
-            assert!(worst[0] < 1e-6 && worst[1] < 3e-4 && worst[2] < 3e-4, "{} {start:?}: {worst:?}", h.id);
+            // far below any sensor's noise; a dead time of milliseconds, and a ramp's corner, want more of a step
+            let most_rad = if h.id == "pump_lag" && h.parameters.len() > 1 { 2e-5 } else { 1e-6 };
+            assert!(worst[0] < most_rad && worst[1] < 3e-4 && worst[2] < 3e-4, "{} {start:?}: {worst:?}", h.id);
         }
     }
 }
@@ -49,11 +55,11 @@ fn every_effect_with_a_millisecond_step() {
 #[test]
 fn no_start_of_an_effect_breaks_a_led_lever() {
     let k = Parameters::example().to_vector();
-    for effect in LIBRARY {
+    for effect in all() {
         let h = effect.header();
         for start in h.starts {
             let led = |t: f64| Input { lever: rec::Lever::Led { velocity_rad_s: 0.0 }, ..wave(t) };
-            let effects = EffectSet::new(STATES, [(*effect, start.to_vec())]);
+            let effects = EffectSet::new(STATES, [(effect, start.to_vec())]);
             let mut x = MIDDLE.to_vec();
             x.resize(STATES + h.states, 0.0);
             rec::rest_states(&led(0.0), &k, &effects, &mut x);
@@ -71,12 +77,12 @@ fn no_start_of_an_effect_breaks_a_led_lever() {
 #[test]
 fn no_bound_of_an_effect_breaks_the_simulation() {
     let k = Parameters::example().to_vector();
-    for effect in LIBRARY {
+    for effect in all() {
         let h = effect.header();
         for corner in 0..1u32 << h.parameters.len() {
             let at = |(i, p): (usize, &Parameter)| if corner >> i & 1 == 0 { p.lower } else { p.upper };
             let parameters: Vec<f64> = h.parameters.iter().enumerate().map(at).collect();
-            let effects = EffectSet::new(STATES, [(*effect, parameters.clone())]);
+            let effects = EffectSet::new(STATES, [(effect, parameters.clone())]);
             let mut x = MIDDLE.to_vec();
             x.resize(STATES + h.states, 0.0);
             rec::rest_states(&wave(0.0), &k, &effects, &mut x);

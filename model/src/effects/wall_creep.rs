@@ -50,9 +50,12 @@ impl Law for WallCreep {
 /// A wall with two time constants.
 struct TwoBranches;
 
+/// Least time constant of the second branch, s: the integrator's shortest step stands no faster one of the largest capacity.
+const LEAST_S: f64 = 0.01;
+
 impl Law for TwoBranches {
     const HEADER: Header = Header {
-        equation: "two Kelvin-Voigt branches: C_c and tau as in the plain form, C_c*share and tau*ratio; at rest x_ij = C_j*(p_i - p_amb)",
+        equation: "two Kelvin-Voigt branches: C_c and tau as in the plain form, C_c*share and tau*ratio but 10 ms at least; at rest x_ij = C_j*(p_i - p_amb)",
         validity: "linear viscoelasticity with two time constants; the same wall in both chambers",
         parameters: &[
             WallCreep::HEADER.parameters[0],
@@ -67,7 +70,7 @@ impl Law for TwoBranches {
 
     fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Hydraulic(h) = port {
-            for (branch, capacity, tau) in [(0, k[0], k[1]), (1, k[0] * k[2], k[1] * k[3])] {
+            for (branch, capacity, tau) in [(0, k[0], k[1]), (1, k[0] * k[2], (k[1] * k[3]).at_least(LEAST_S))] {
                 for i in 0..2 {
                     let n = 2 * branch + i;
                     let rate = (capacity * (h.pressure_bar[i] - AMBIENT_BAR) - x[n]) / tau;
