@@ -17,7 +17,7 @@ impl Law for ChamberAsymmetry {
         ports: &[PortKind::Hydraulic],
         summary: "chamber 2 differs from chamber 1 in capacity or displacement",
         equation: "C_h2 = (1 + c)*C_h1 mirrored, C_v2 = (1 + d)*C_v1 mirrored; chamber 1 as in the reference model",
-        validity: "same shape of both characteristics, another scale; the torque characteristic stays odd",
+        validity: "same shape of both characteristics, another scale; beside displacement_pressure that is scaled too, the air of trapped_air is not; the torque characteristic stays odd, so that d breaks virtual work by 0.1*d*C_v2*p2 Nm: the torque map of such a rig would not be odd by this, and a torque residual of that size is no second effect",
         measure: "clamp steps and volume map once more, with chamber 2",
         literature: "paper, sec. 3.2, assumption 3, and eqs. (13), (14)",
         parameters: &[

@@ -49,7 +49,7 @@ const SMALL_BAR: f64 = 1e-4;
 impl Law for AnyPower {
     const HEADER: Header = Header {
         equation: "q = k*dp*(abs(dp)^s + d^s)^((m - 1)/s) from chamber 1 to chamber 2, also with the brake closed; none where the chambers are shut off one by one",
-        validity: "a gap of any kind: m = 0.5 turbulent, 1 laminar; laminar within the transition pressure d, which is passed the more gradually the smaller s is (a gap with an orifice behind it: some 0.7)",
+        validity: "a gap of any kind: m = 0.5 turbulent, 1 laminar; laminar within the transition pressure d, which is passed the more gradually the smaller s is (a gap with an orifice behind it: some 0.7); abs(dp) smoothed over 1e-4 bar",
         parameters: &[
             Parameter { unit: "ml/(s bar^m)", ..CrossLeakage::HEADER.parameters[0] },
             CrossLeakage::HEADER.parameters[1],

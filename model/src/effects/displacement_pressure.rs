@@ -19,7 +19,7 @@ impl Law for DisplacementPressure {
         ports: &[PortKind::Hydraulic],
         summary: "the displacement depends on pressure",
         equation: "C_v1 += closure*S_1 + (slope + bend*phi)*(p1 - 2.5 bar), C_v2 += closure*S_2 + (-slope + bend*phi)*(p2 - 2.5 bar); S_i: d/dphi of the integral of C_hi over pressure from 2.5 bar, which closes eq. (13)",
-        validity: "linear in pressure beside the closing term; V2(phi) = V1(-phi)",
+        validity: "linear in pressure beside the closing term; V2(phi) = V1(-phi); slope and bend alone do not close the volume, so that a cycle of pressure and angle keeps or makes oil; 2.5 bar, where eq. (14) is taken to hold, is a choice",
         measure: "volume map: slope of the volume over the angle at several pressures",
         literature: "paper, eq. (14), v_1i and v_2i at p_i = 1..6 bar",
         parameters: &[

@@ -91,7 +91,7 @@ const STEPS: f64 = 5.0;
 impl Law for TwoElements {
     const HEADER: Header = Header {
         equation: "M -= k*((1 - share)*z1 + share*z2), d_i*z_i' = w - (b*abs(w)*z_i + (1 - b)*w*abs(z_i))*abs(z_i)^(n - 1), d_1 = d, d_2 = ratio*d but 2 mrad at least (Bouc-Wen; n = b = 1: Dahl; share = 0: one element); abs(z_i) <= 1; of a free lever at rest both hold the torque that is left, as far as k reaches; where the lever was led, each follows from its way",
-        validity: "rate-independent internal friction of rubber and fabric; d_i is the way on which an element forgets a reversed stroke; with a larger n the branches bend later and more sharply, with a smaller b they are straighter on the way back",
+        validity: "rate-independent internal friction of rubber and fabric; d_i is the way on which an element forgets a reversed stroke; with a larger n the branches bend later and more sharply, with a smaller b they are straighter on the way back; the power of abs(z_i) smoothed over 1e-3",
         literature: "Wen, Method for random vibration of hysteretic systems, J. Eng. Mech. Div. ASCE 102 (1976); Ismail, Ikhouane, Rodellar, The hysteresis Bouc-Wen model, a survey, Arch. Comput. Methods Eng. 16 (2009); Vo-Minh, Tjahjowidodo et al., IEEE/ASME Trans. Mechatronics 16 (2011): Maxwell slip, elements side by side",
         parameters: &[
             ElasticHysteresis::HEADER.parameters[0],

@@ -59,7 +59,7 @@ const USUAL_DEPTH_RAD: f64 = 0.05;
 impl Law for Progressive {
     const HEADER: Header = Header {
         equation: "M -= k1*f(phi - phi_c - e) - k2*f(-phi - phi_c + e), f(d) = d_0*(d/d_0)^n*max(0, 1 + c*d') for d > 0, its corner rounded over 0.002 rad, d_0 = 0.05 rad",
-        validity: "n = 1.5 for two rounded bodies; a loss that grows with the force (Hunt and Crossley), so the contact never pulls",
+        validity: "n = 1.5 for two rounded bodies; a loss that grows with the force (Hunt and Crossley), so the contact never pulls; no force within 1e-9 rad of the rounded corner, where a power has no slope",
         literature: "Johnson, Contact Mechanics, 1985; Hunt, Crossley, J. Appl. Mech. 42 (1975) 440",
         parameters: &[
             EndStop::HEADER.parameters[0],

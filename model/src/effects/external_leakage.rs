@@ -14,7 +14,7 @@ impl Law for ExternalLeakage {
         ports: &[PortKind::Hydraulic],
         summary: "oil leaves the chambers to the outside",
         equation: "q_i = k_i*(p_i - p_amb) out of chamber i = 1, 2, also where it is shut off",
-        validity: "laminar gap; oil that has left does not come back",
+        validity: "laminar gap; meant above ambient: oil that has left does not come back",
         measure: "shut both chambers off at high pressure and watch each pressure fall over minutes",
         literature: "Merritt, Hydraulic Control Systems, 1967, ch. 6 (leakage of actuators to their drain)",
         parameters: &[
@@ -42,7 +42,7 @@ struct AnyPower;
 impl Law for AnyPower {
     const HEADER: Header = Header {
         equation: "q_i = k_i*(p_i - p_amb)*abs(p_i - p_amb)^(m - 1) out of chamber i = 1, 2, also where it is shut off",
-        validity: "a gap of any kind: m = 0.5 turbulent, 1 laminar; oil that has left does not come back",
+        validity: "a gap of any kind: m = 0.5 turbulent, 1 laminar, and laminar within 0.01 bar whatever m is; meant above ambient: oil that has left does not come back",
         parameters: &[
             Parameter { unit: "ml/(s bar^m)", ..ExternalLeakage::HEADER.parameters[0] },
             Parameter { unit: "ml/(s bar^m)", ..ExternalLeakage::HEADER.parameters[1] },

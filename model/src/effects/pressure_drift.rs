@@ -13,9 +13,9 @@ impl Law for PressureDrift {
         balance: Balance::Sensor,
         ports: &[PortKind::Sensor],
         summary: "the zero of a pressure sensor is off, constantly or drifting since switch-on",
-        equation: "p_shown = p + o + d*(1 - exp(-t/tau)) for each sensor: o1, d1, o2, d2, one tau",
+        equation: "p_i shown = p_i + offset_i + drift_i*(1 - exp(-t/tau)), sensor i = 1, 2 with offset1, drift1, offset2, drift2, and one tau",
         validity: "t since the run's start",
-        measure: "read both sensors at rest with the bypass open, at switch-on and after some minutes",
+        measure: "read both sensors at rest, the chambers vented to ambient or beside a reference gauge, at switch-on and after some minutes",
         literature: "Webster, The Measurement, Instrumentation and Sensors Handbook, ch. 26",
         parameters: &[
             Parameter { name: "offset1", unit: "bar", lower: -2.0, upper: 2.0, typical: 0.05, size: true },
@@ -46,7 +46,7 @@ struct GoingOn;
 
 impl Law for GoingOn {
     const HEADER: Header = Header {
-        equation: "p_shown = p + o + d*((1 - s)*(1 - exp(-t/tau)) + s*t/tau) for each sensor: o1, d1, o2, d2, one tau, one s",
+        equation: "p_i shown = p_i + offset_i + drift_i*((1 - s)*(1 - exp(-t/tau)) + s*t/tau), sensor i = 1, 2 with offset1, drift1, offset2, drift2, and one tau and s",
         validity: "t since the run's start; s = 0 settles, 1 drifts steadily",
         parameters: &[
             PressureDrift::HEADER.parameters[0],

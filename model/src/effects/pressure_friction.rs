@@ -16,7 +16,7 @@ impl Law for PressureFriction {
         equation: "M -= k*max(0, p1 + p2 - 2*p_amb)*tanh(w/w_s)",
         validity: "sliding; the Coulomb level is smoothed over w_s; chambers that together pull instead of press load nothing",
         measure: "constant-flow strokes at several fill pressures",
-        literature: "Olsson et al., Friction models and friction compensation, Eur. J. Control 4 (1998)",
+        literature: "Merritt, Hydraulic Control Systems, 1967, ch. 4 (friction torque of a motor, sgn(w)*C_f*D_m*(P1 + P2)); paper, sec. 4.4",
         parameters: &[
             Parameter { name: "k", unit: "Nm/bar", lower: 0.0, upper: 5.0, typical: 0.1, size: true },
             Parameter { name: "w_s", unit: "rad/s", lower: 0.002, upper: 0.2, typical: 0.02, size: false },
@@ -46,7 +46,7 @@ impl Law for Lubricated {
     const HEADER: Header = Header {
         equation: "M -= k*g_0*(g/g_0)^m*((1 - v)*tanh(w/w_s) + v*w/w_0), g = max(0, p1 + p2 - 2*p_amb), g_0 = 3 bar, w_0 = 1 rad/s",
         validity: "v = 1: viscous",
-        literature: "Olsson et al., Friction models and friction compensation, Eur. J. Control 4 (1998); Merritt, Hydraulic Control Systems, 1967, ch. 4",
+        literature: "Merritt, Hydraulic Control Systems, 1967, ch. 4; Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky, Friction models and friction compensation, Eur. J. Control 4 (1998)",
         parameters: &[
             PressureFriction::HEADER.parameters[0],
             PressureFriction::HEADER.parameters[1],

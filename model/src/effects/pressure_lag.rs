@@ -15,7 +15,7 @@ impl Law for PressureLag {
         ports: &[PortKind::Sensor],
         summary: "a pressure sensor is slow",
         equation: "tau_i*y_i' = p_i - y_i; sensor i = 1, 2 shows y_i",
-        validity: "first order: filter of the amplifier, or oil in a thin connecting bore",
+        validity: "first order: filter of the amplifier, or oil in a thin connecting bore; time constants below 1 ms are blended into none",
         measure: "open the bypass under load and compare both sensors' decays with a fast one",
         literature: "Doebelin, Measurement Systems, 2003, ch. 3 and 6",
         parameters: &[

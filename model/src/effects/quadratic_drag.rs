@@ -16,7 +16,7 @@ impl Law for QuadraticDrag {
         equation: "M -= c*abs(w)*w",
         validity: "turbulent flow around the body or through what it displaces",
         measure: "coast down from high speed, or steady strokes from slow to fast",
-        literature: "any text on fluid mechanics, drag of bluff bodies",
+        literature: "Hoerner, Fluid-Dynamic Drag, 1965, ch. 3 (pressure drag)",
         parameters: &[Parameter { name: "c", unit: "Nm s2/rad2", lower: 0.0, upper: 1e6, typical: 1.0, size: true }],
         states: 0,
         starts: &[&[0.1], &[10.0], &[1000.0]],

@@ -54,6 +54,7 @@ const LEAST_TAIL: f64 = 1e-6;
 impl Law for AnyFall {
     const HEADER: Header = Header {
         equation: "M -= k*(1 + q*(abs(w)/w_v)^delta)^(-1/q)*tanh(w/w_s); q = 0: k*exp(-(abs(w)/w_v)^delta)*tanh(w/w_s)",
+        validity: "mixed lubrication; the static level is smoothed over w_s, so the lever creeps where it would stick; the power of abs(w) smoothed over 1e-4 of w_v",
         parameters: &[
             StribeckFriction::HEADER.parameters[0],
             StribeckFriction::HEADER.parameters[1],

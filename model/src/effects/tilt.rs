@@ -15,8 +15,8 @@ impl Law for Tilt {
         summary: "gravity acts in the runs called horizontal, as from a tilted plane",
         equation: "M -= s*sin(phi) + c*cos(phi) where the plane is called horizontal; amplitude sqrt(s^2 + c^2), direction atan2(c, s)",
         validity: "rigid lever; amplitude far below the gravity torque of the vertical plane",
-        measure: "clamp the lever at several angles with the bypass open and read the force sensor",
-        literature: "any text on the static balance of a pendulum on an inclined plane",
+        measure: "clamp the lever at several angles with the bypass open and read the force sensor, and once more with the plane turned by 180 degrees, or compare with the vertical plane",
+        literature: "Meriam, Kraige, Engineering Mechanics: Statics, 2012, ch. 3 (equilibrium of a rigid body)",
         parameters: &[
             Parameter { name: "s", unit: "Nm", lower: -5.0, upper: 5.0, typical: 0.1, size: true },
             Parameter { name: "c", unit: "Nm", lower: -5.0, upper: 5.0, typical: 0.1, size: true },

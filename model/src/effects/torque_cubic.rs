@@ -14,7 +14,7 @@ impl Law for TorqueCubic {
         ports: &[PortKind::Mechanical],
         summary: "the torque characteristic has the third-order terms of eq. (1), which eq. (2) drops",
         equation: "M += c1*phi^3 + c2*abs(dp)*phi^3 + c3*dp*phi^2, odd in (phi, dp) as eq. (2) is",
-        validity: "identical chambers; the coefficients of eq. (1) linear in pressure",
+        validity: "at one amount of oil, where p1 + p2 is a function of abs(dp); identical chambers; the coefficients of eq. (1) linear in pressure",
         measure: "torque map with the lever clamped beyond 30 degrees at middle pressures",
         literature: "paper, eq. (1) and the remark on the approximation error below eq. (2)",
         parameters: &[

@@ -37,7 +37,7 @@ impl<V: Valve> Law for Late<V> {
         ports: &[PortKind::Actuator],
         summary: V::SUMMARY,
         equation: V::EQUATIONS[0],
-        validity: "first-order stand-in for coil delay and travel of the armature; flow proportional to the opening",
+        validity: "first-order stand-in for coil delay and travel of the armature; flow proportional to the opening; time constants below 1 ms are blended into none",
         measure: V::MEASURE,
         literature: "Merritt, Hydraulic Control Systems, 1967, ch. 5 (valve dynamics)",
         parameters: &PARAMETERS,
