@@ -340,3 +340,31 @@ fn two_nodes_with_one_identifier_are_told() {
     });
     assert!(refused.unwrap().to_string().contains("two nodes"));
 }
+
+#[test]
+fn a_rig_whose_start_can_t_be_commanded_is_let_go_in_the_safe_state() {
+    let open = FarEnd { voltage_v: 0.0, brake_open: true, bypass_open: false };
+    let safe = FarEnd { voltage_v: 0.0, brake_open: false, bypass_open: true };
+    // More than the float of the signal holds.
+    let most = 1e39;
+    let beyond = Command { fixture: Fixture::Clamped { angle_deg: most }, ..START };
+    for (start, fill_bar) in [(beyond, 2.8), (START, most)] {
+        let mut wired = Wired::new("vesc", None, NEVER);
+        let mut rig = wired.rig(None).unwrap();
+        wired.prepare(&mut rig).unwrap();
+        assert_eq!(wired.far_end(), open);
+        let error = rig
+            .prepare(Preparation { run: 2, vertical: false, fill_bar, start }, &Switches::new())
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains("can't be commanded"), "{error}");
+        drop(rig);
+        for _ in 0..10_000 {
+            if wired.far_end() == safe {
+                break;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        assert_eq!(wired.far_end(), safe, "{start:?}, {fill_bar} bar");
+    }
+}

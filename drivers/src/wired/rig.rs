@@ -51,7 +51,7 @@ pub struct WiredRig {
     origin_ns: u64,
     /// Tick of the last command of this run.
     commanded: Option<u64>,
-    /// Fixture and segment of the last command: no clamp opens because the rig is let go.
+    /// Fixture and segment of the last command that was sent: no clamp opens because the rig is let go.
     acting: (Fixture, u32),
     frames: [Frame; MOST_FRAMES],
 }
@@ -119,7 +119,7 @@ impl WiredRig {
         if stopped() {
             return Err(WiredError::Stopped);
         }
-        self.preparation = Some(preparation);
+        let before = self.preparation.replace(preparation);
         self.commanded = None;
         self.inputs.forget();
         self.twins.forget();
@@ -135,8 +135,11 @@ impl WiredRig {
                 self.amplifier.disarm();
                 return Err(WiredError::Stopped);
             }
-            self.send(&preparation.start, half + cycle % half, false)
-                .map_err(|error| WiredError::NotReady(format!("the start can't be commanded: {error}")))?;
+            if let Err(error) = self.send(&preparation.start, half + cycle % half, false) {
+                // It goes along with every command: the farewell could not be said either.
+                self.preparation = before;
+                return Err(WiredError::NotReady(format!("the start can't be commanded: {error}")));
+            }
             std::thread::sleep(PREPARATION_PERIOD);
             self.receive();
             let elapsed = Duration::from_nanos(monotonic_ns() - begun_ns);
@@ -208,10 +211,12 @@ impl WiredRig {
         let preparation =
             self.preparation.unwrap_or(Preparation { run: 0, vertical: false, fill_bar: 0.0, start: *command });
         let around = Around { counter, running, preparation };
-        self.acting = (command.fixture, command.segment);
-        let count = self.outputs.frames(command, &around, &mut self.frames)?;
-        self.amplifier.command(if running { command.voltage_v } else { 0.0 });
+        let framed = self.outputs.frames(command, &around, &mut self.frames);
+        // The pump does not go on as it did where the valves can't be told.
+        self.amplifier.command(if running && framed.is_ok() { command.voltage_v } else { 0.0 });
+        let count = framed?;
         self.bus.send(&self.frames[..count]);
+        self.acting = (command.fixture, command.segment);
         Ok(())
     }
 
