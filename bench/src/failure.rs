@@ -10,7 +10,7 @@ pub enum Kind {
     Internal = 1,
     /// Usage, configuration or input.
     Input = 2,
-    /// The run took place, its result was not accepted.
+    /// Done, but the result was not accepted; or a dry run would trip.
     Acceptance = 3,
     /// A device or a link.
     Device = 4,
@@ -27,7 +27,7 @@ pub const EXIT_CODES: &[(u8, &str)] = &[
     (0, "done"),
     (Kind::Internal as u8, "internal error"),
     (Kind::Input as u8, "usage, configuration or bad input; the message names file, line and column"),
-    (Kind::Acceptance as u8, "the run took place, its result was not accepted"),
+    (Kind::Acceptance as u8, "done, but the result was not accepted; or a dry run would trip: nothing moved"),
     (Kind::Device as u8, "a device or a link failed"),
     (Kind::Safety as u8, "the supervisor tripped: the rig is in its safe state"),
     (Kind::Loss as u8, "a deadline was missed or samples were lost"),
