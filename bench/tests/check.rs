@@ -88,6 +88,21 @@ fn the_wired_rig_fits_and_says_how_it_was_understood() {
 }
 
 #[test]
+fn what_an_amplifier_clips_as_it_is_delivered_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("rec.dbc"), database()).unwrap();
+    let said = |changed: &Changed| {
+        let rig = Rig::parse(&changed.rig, "rig.toml", folder.path()).unwrap();
+        let parts = bench::rig_file::Understood::of(&rig).unwrap().parts;
+        parts.into_iter().find(|part| part.name == "warning").map(|part| part.is)
+    };
+    let warning = said(&Changed::none()).expect("24 V of 24 V");
+    assert!(["VESC", "95 %", "22.8", "u_max_v = 24"].iter().all(|word| warning.contains(word)), "{warning}");
+    assert_eq!(said(&changed("u_max_v = 24.0", "u_max_v = 22.8")), None);
+    assert_eq!(said(&changed("protocol = \"vesc\"", "protocol = \"tmcl\"")), None);
+}
+
+#[test]
 fn machines_get_the_same_as_json() {
     let output = check(&["--json", rigs().join("wired.toml").to_str().unwrap()]);
     let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();

@@ -111,12 +111,12 @@ impl Understood {
         };
         if let DeviceSpec::Wired(settings) = device {
             understood.device = "wired";
-            understood.wires(settings)?;
+            understood.wires(settings, facts.u_max_v)?;
         }
         Ok(understood)
     }
 
-    fn wires(&mut self, settings: &Settings) -> Result<(), Failure> {
+    fn wires(&mut self, settings: &Settings, u_max_v: f64) -> Result<(), Failure> {
         let Settings { amplifier, can } = settings;
         let database = Database::read(&can.dbc).map_err(|e| Failure::of(Kind::Input, &e))?;
         let refused = |e: drivers::amplifier::AmplifierError| Failure::of(Kind::Input, &e);
@@ -134,6 +134,17 @@ impl Understood {
             amplifier.timeout_ms
         );
         self.parts.push(Part { name: "amplifier", is });
+        let most_v = kind.delivered_share * amplifier.full_scale_v;
+        // 0.95 x 24 is a hair less than 22.8.
+        if u_max_v > most_v * (1.0 + 1e-9) {
+            let is = format!(
+                "{} clips at {} % of full scale unless it is told otherwise, here {most_v:.2} V: what is commanded beyond that is recorded and \
+                 never reaches the pump; lower [rig] u_max_v = {u_max_v}",
+                kind.title,
+                1e2 * kind.delivered_share
+            );
+            self.parts.push(Part { name: "warning", is });
+        }
         let count = database.messages().len();
         let is = format!("{}, {} bit/s, {} with {count} messages", can.interface, can.bitrate, can.dbc.display());
         self.parts.push(Part { name: "bus", is });

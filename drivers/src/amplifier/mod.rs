@@ -35,6 +35,8 @@ pub struct ProtocolKind {
     pub title: &'static str,
     /// A fault that an amplifier with this protocol can report: for tests and fault injection.
     pub example_fault: Fault,
+    /// Share of full scale at which it clips as it is delivered, without a word on the wire. The emulated one does not.
+    pub delivered_share: f64,
     /// The bench's side.
     ///
     /// # Errors

@@ -21,6 +21,7 @@ pub const KIND: ProtocolKind = ProtocolKind {
     name: "tmcl",
     title: "Trinamic TMCL",
     example_fault: Fault { code: 0x200, name: "undervoltage" },
+    delivered_share: 1.0,
     client: |settings| Ok(Box::new(Client::new(settings)?)),
     drive: |settings| Ok(Box::new(Emulated::new(settings)?)),
 };

@@ -22,6 +22,8 @@ pub const KIND: ProtocolKind = ProtocolKind {
     name: "vesc",
     title: "VESC UART",
     example_fault: Fault { code: 4, name: FAULTS[4] },
+    // "Maximum Duty Cycle" of VESC Tool.
+    delivered_share: 0.95,
     client: |settings| Ok(Box::new(Client::new(settings)?)),
     drive: |settings| Ok(Box::new(Emulated::new(settings)?)),
 };
