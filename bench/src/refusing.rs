@@ -15,7 +15,12 @@ pub fn refusing<T>(instance: &str, refusal: Refusal, body: impl FnOnce() -> T) -
             let ready = ready; // the channel closes should the listener not open
             let mut server = CommandServer::open(instance).expect("shared memory is there");
             ready.send(()).expect("the test waits");
-            let mut refuse = |_| Answer { taken: Err(refusal), open: None, text: String::new() };
+            let mut refuse = |_| {
+                let (answer, answers) = mpsc::channel();
+                let refused = Answer { taken: Err(refusal), open: None, text: String::new() };
+                answer.send(refused).expect("its receiver is here");
+                answers
+            };
             while !over.load(Ordering::Relaxed) {
                 server.pass_on(Duration::from_millis(10), &mut refuse).expect("it listens");
             }

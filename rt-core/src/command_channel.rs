@@ -10,6 +10,7 @@
 
 use std::collections::VecDeque;
 use std::sync::atomic::Ordering;
+use std::sync::mpsc::{Receiver, TryRecvError};
 use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::*;
@@ -164,6 +165,8 @@ pub struct CommandServer {
     /// Confirmations in their order; the first one is with the loop since then, once it could be offered.
     confirming: VecDeque<(Asked, Confirmation)>,
     offered: Option<Instant>,
+    /// Commands that were passed on, and where their answers come from.
+    passed: Vec<(Asked, Receiver<Answer>)>,
 }
 
 impl CommandServer {
@@ -172,7 +175,8 @@ impl CommandServer {
     /// # Errors
     /// A name that is none, no shared memory.
     pub fn open(instance: &str) -> Result<Self, LinkError> {
-        Ok(CommandServer { requests: Answering::open(instance, KIND)?, confirming: VecDeque::new(), offered: None })
+        let requests = Answering::open(instance, KIND)?;
+        Ok(CommandServer { requests, confirming: VecDeque::new(), offered: None, passed: Vec::new() })
     }
 
     /// Waits up to `timeout` for commands and does what they say with the switches. `text` says in words what the run asks for now.
@@ -233,28 +237,38 @@ impl CommandServer {
         }
     }
 
-    /// Waits up to `timeout` for commands and lets `decide` answer each of them: for a program that carries them to the machine on which the
-    /// run goes on. Nothing else is taken meanwhile.
+    /// Waits up to `timeout` for commands and hands each of them to `pass`: for a program that carries them to the machine on which the run goes
+    /// on. `pass` must not wait: an emergency stop may be the next one. The answer is given when it comes; where its sender is dropped without
+    /// one, the other machine can't be reached.
     ///
     /// # Errors
     /// The transport failed.
     pub fn pass_on(
         &mut self,
         timeout: Duration,
-        decide: &mut dyn FnMut(RunCommand) -> Answer,
+        pass: &mut dyn FnMut(RunCommand) -> Receiver<Answer>,
     ) -> Result<(), LinkError> {
-        self.requests.wait(timeout)?;
+        self.requests.wait(if self.passed.is_empty() { timeout } else { LOOK })?;
         while let Some(asked) = self.requests.receive()? {
-            let reply = match asked.payload().command() {
-                None => Reply::new(None, None, ""),
-                Some(command) => {
-                    let Answer { taken, open, text } = decide(command);
-                    Reply::new(Some(taken), open, &text)
+            match asked.payload().command() {
+                // A client that is gone needs no answer.
+                None => {
+                    let _ = asked.send_copy(Reply::new(None, None, ""));
+                }
+                Some(command) => self.passed.push((asked, pass(command))),
+            }
+        }
+        self.passed.retain(|(asked, answer)| {
+            let Answer { taken, open, text } = match answer.try_recv() {
+                Ok(answer) => answer,
+                Err(TryRecvError::Empty) => return asked.is_connected(),
+                Err(TryRecvError::Disconnected) => {
+                    Answer { taken: Err(Refusal::Unreachable), open: None, text: String::new() }
                 }
             };
-            // A client that is gone needs no answer.
-            let _ = asked.send_copy(reply);
-        }
+            let _ = asked.send_copy(Reply::new(Some(taken), open, &text));
+            false
+        });
         Ok(())
     }
 

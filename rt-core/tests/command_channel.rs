@@ -113,6 +113,53 @@ fn while_a_confirmation_has_no_answer_an_emergency_stop_is_heard() {
 }
 
 #[test]
+fn while_a_command_that_was_passed_on_has_no_answer_an_emergency_stop_is_passed_on() {
+    let instance = instance("passed");
+    let mut server = CommandServer::open(&instance).unwrap();
+    let taken = |tick| Answer { taken: Ok(tick), open: None, text: String::new() };
+    let (mut held, mut stopped) = (None, None);
+    let mut asking = Vec::new();
+    let ask = |command| {
+        let instance = instance.clone();
+        thread::spawn(move || send_command(&instance, command, PATIENCE))
+    };
+    asking.push(ask(RunCommand::Confirm(Confirmation::default())));
+    while asking.iter().any(|client| !client.is_finished()) {
+        let mut pass = |command| {
+            let (answer, answers) = mpsc::channel();
+            *if matches!(command, RunCommand::Confirm(_)) { &mut held } else { &mut stopped } = Some(answer);
+            answers
+        };
+        server.pass_on(Duration::from_millis(10), &mut pass).unwrap();
+        if held.is_some() && asking.len() == 1 {
+            asking.push(ask(RunCommand::EmergencyStop));
+        }
+        // What came first is answered last.
+        if let Some(answer) = stopped.take() {
+            answer.send(taken(None)).unwrap();
+        } else if let Some(answer) = held.take_if(|_| asking.len() == 2 && asking[1].is_finished()) {
+            answer.send(taken(Some(7))).unwrap();
+        }
+    }
+    let answers: Vec<_> = asking.into_iter().map(|client| client.join().unwrap()).collect();
+    assert_eq!(answers, [Ok(taken(Some(7))), Ok(taken(None))]);
+}
+
+#[test]
+fn a_command_that_was_passed_on_in_vain_is_answered_so() {
+    let instance = instance("in-vain");
+    let mut server = CommandServer::open(&instance).unwrap();
+    let client = {
+        let instance = instance.clone();
+        thread::spawn(move || send_command(&instance, RunCommand::Stop, PATIENCE))
+    };
+    while !client.is_finished() {
+        server.pass_on(Duration::from_millis(10), &mut |_| mpsc::channel().1).unwrap();
+    }
+    assert_eq!(client.join().unwrap().unwrap().taken, Err(Refusal::Unreachable));
+}
+
+#[test]
 fn a_name_that_is_none_is_refused() {
     assert!(matches!(send_command("a/b", RunCommand::Stop, PATIENCE), Err(LinkError::InstanceName(_))));
     assert!(matches!(CommandServer::open(""), Err(LinkError::InstanceName(_))));

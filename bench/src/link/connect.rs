@@ -9,9 +9,9 @@ use crate::failure::{Failure, Kind};
 use crate::over::{OverAtEnd, keep_open};
 use recordings::carried;
 use rt_core::announce::Announcer;
-use rt_core::{Answer, CommandServer, LinkError, Refusal, Relay, RunCommand, Sample};
+use rt_core::{Answer, CommandServer, LinkError, Relay, RunCommand, Sample};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel, sync_channel};
 use std::time::{Duration, Instant};
 use zenoh::Wait;
 use zenoh::qos::Priority;
@@ -276,20 +276,21 @@ fn pass_commands(settings: &Settings, line: &Line, over: &AtomicBool, say: &(dyn
     keep_open(over, || CommandServer::open(&settings.instance), pass, trouble);
 }
 
-/// Asks the rig's end and waits for its answer.
-fn ask(settings: &Settings, line: &Line, command: RunCommand) -> Answer {
-    let unreachable = || Answer { taken: Err(Refusal::Unreachable), open: None, text: String::new() };
-    let Ok(text) = serde_json::to_vec(&Asked::from(command)) else { return unreachable() };
+/// Asks the rig's end without waiting for its answer: an emergency stop may be the next command. The sender is dropped without one where none comes.
+fn ask(settings: &Settings, line: &Line, command: RunCommand) -> Receiver<Answer> {
+    let (answer, answers) = channel();
+    let Ok(text) = serde_json::to_vec(&Asked::from(command)) else { return answers };
     let session = line.session();
     let query = session.get(key(&settings.remote, "command")).payload(text).priority(Priority::RealTime);
-    let Ok(replies) = query.timeout(COMMAND_PATIENCE).wait() else { return unreachable() };
-    while let Ok(reply) = replies.recv() {
-        match reply.result() {
-            Ok(sample) => return Said::parse(&sample.payload().to_bytes()).unwrap_or_else(unreachable),
-            Err(error) => {
-                tracing::warn!(answer = %String::from_utf8_lossy(&error.payload().to_bytes()), "command refused")
-            }
+    let query = query.timeout(COMMAND_PATIENCE).callback(move |reply| match reply.result() {
+        // The first answer counts; who asked is gone after it.
+        Ok(sample) => drop(Said::parse(&sample.payload().to_bytes()).map(|said| answer.send(said))),
+        Err(error) => {
+            tracing::warn!(answer = %String::from_utf8_lossy(&error.payload().to_bytes()), "command refused")
         }
+    });
+    if let Err(error) = query.wait() {
+        tracing::warn!(%error, "a command can't be sent");
     }
-    unreachable()
+    answers
 }
