@@ -10,7 +10,7 @@ use rt_core::announce::Announcements;
 use rt_core::{Answer, Delivery, LinkError, Refusal, RunCommand, Sample, SampleSubscriber, send_command};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError, channel};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use zenoh::pubsub::Publisher;
@@ -65,7 +65,7 @@ pub fn serve(settings: &Settings, end: &AtomicBool, say: &(dyn Fn(&str) + Sync))
     ));
 
     let setups = Setups::default();
-    let (ask, asked) = channel();
+    let (asked, lanes) = Lanes::open();
     let answering = Arc::clone(&setups);
     let _setup_queries = session
         .declare_queryable(key(instance, "setup"))
@@ -74,8 +74,8 @@ pub fn serve(settings: &Settings, end: &AtomicBool, say: &(dyn Fn(&str) + Sync))
         .map_err(|e| broken("answering for setups", &e))?;
     let _command_queries = session
         .declare_queryable(key(instance, "command"))
-        // A command takes its time, and the network's thread has none. The receiver is gone only when the command ends.
-        .callback(move |query| drop(ask.send(query)))
+        // A command takes its time, and the network's thread has none. The receivers are gone only when the command ends.
+        .callback(move |query| asked.take(query))
         .wait()
         .map_err(|e| broken("answering for commands", &e))?;
 
@@ -83,7 +83,9 @@ pub fn serve(settings: &Settings, end: &AtomicBool, say: &(dyn Fn(&str) + Sync))
     std::thread::scope(|scope| {
         let _over = OverAtEnd(&over);
         let until = &over;
-        scope.spawn(move || obey(settings, &asked, until, say));
+        for lane in lanes {
+            scope.spawn(move || obey(&lane, until, &|command| decide(settings, command, say)));
+        }
         let sender = Sender::new(settings, &session, setups);
         sender.and_then(|mut sender| sender.follow(subscriber, announcements, end))
     })?;
@@ -210,19 +212,48 @@ fn answer_setup(query: &Query, setups: &Setups) {
     }
 }
 
-/// Answers commands, one after the other, until it is over.
-fn obey(settings: &Settings, asked: &Receiver<Query>, over: &AtomicBool, say: &(dyn Fn(&str) + Sync)) {
+/// A query and the command in it, or what is wrong with it.
+type Command = (Query, Result<RunCommand, String>);
+
+/// Where commands wait for their turn. Those of one lane are done one after the other; a stop does not wait for a confirmation that nobody takes, and an
+/// emergency stop for nothing.
+struct Lanes {
+    emergency: mpsc::Sender<Command>,
+    stop: mpsc::Sender<Command>,
+    other: mpsc::Sender<Command>,
+}
+
+impl Lanes {
+    /// The lanes, and their ends.
+    fn open() -> (Lanes, [Receiver<Command>; 3]) {
+        let ((emergency, first), (stop, second), (other, third)) = (channel(), channel(), channel());
+        (Lanes { emergency, stop, other }, [first, second, third])
+    }
+
+    fn take(&self, query: Query) {
+        let payload = query.payload().map(|payload| payload.to_bytes().into_owned()).unwrap_or_default();
+        let command = Asked::parse(&payload);
+        let lane = match command {
+            Ok(RunCommand::EmergencyStop) => &self.emergency,
+            Ok(RunCommand::Stop) => &self.stop,
+            Ok(RunCommand::Look | RunCommand::Confirm(_)) | Err(_) => &self.other,
+        };
+        // The other end is gone only when all ends.
+        let _ = lane.send((query, command));
+    }
+}
+
+/// Answers the commands of a lane, one after the other, until it is over.
+fn obey(lane: &Receiver<Command>, over: &AtomicBool, decide: &dyn Fn(RunCommand) -> Answer) {
     while !over.load(Ordering::Relaxed) {
-        let query = match asked.recv_timeout(Duration::from_millis(50)) {
-            Ok(query) => query,
+        let (query, command) = match lane.recv_timeout(Duration::from_millis(50)) {
+            Ok(command) => command,
             Err(RecvTimeoutError::Timeout) => continue,
             Err(RecvTimeoutError::Disconnected) => return,
         };
-        let payload = query.payload().map(|payload| payload.to_bytes().into_owned()).unwrap_or_default();
-        let replied = match Asked::parse(&payload) {
+        let replied = match command {
             Ok(command) => {
-                let answer = decide(settings, command, say);
-                let text = serde_json::to_vec(&Said::from(&answer)).unwrap_or_default();
+                let text = serde_json::to_vec(&Said::from(&decide(command))).unwrap_or_default();
                 query.reply(query.key_expr().clone(), text).wait()
             }
             Err(wrong) => query.reply_err(wrong).wait(),
@@ -256,4 +287,63 @@ fn decide(settings: &Settings, command: RunCommand, say: &(dyn Fn(&str) + Sync))
         say(&format!("{words} from the other end: {became}"));
     }
     outcome.unwrap_or_else(|_| refused(Refusal::NoAnswer))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rt_core::Confirmation;
+
+    /// Longer than anything here takes; only a failing test waits that long.
+    const LONG: Duration = Duration::from_secs(60);
+
+    #[test]
+    fn an_emergency_stop_waits_neither_for_a_confirmation_nor_for_a_stop() {
+        let session = session(&[], &[]).expect("a session of its own");
+        let (asked, lanes) = Lanes::open();
+        let queries = session.declare_queryable("lanes/command").callback(move |query| asked.take(query));
+        let _queries = queries.wait().expect("a key");
+        let over = AtomicBool::new(false);
+        let (begun, begins) = channel();
+        let (emergency_stopped, others_may_end) = channel();
+        let others_may_end = Mutex::new(others_may_end);
+        let decide = |command: RunCommand| {
+            begun.send(command).expect("the test listens");
+            let taken = if command == RunCommand::EmergencyStop {
+                Ok(None)
+            } else {
+                let wait = others_may_end.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+                wait.recv_timeout(LONG).map(|()| None).map_err(|_| Refusal::NoAnswer)
+            };
+            Answer { taken, open: None, text: String::new() }
+        };
+        let (answered, answers) = channel();
+        let ask = |command: RunCommand| {
+            let (text, answered) = (serde_json::to_vec(&Asked::from(command)).expect("plain"), answered.clone());
+            let query = session.get("lanes/command").payload(text).timeout(2 * LONG);
+            let query = query.callback(move |reply| {
+                let said = reply.result().ok().and_then(|sample| Said::parse(&sample.payload().to_bytes()));
+                answered.send((command, said.expect("an answer").taken)).expect("the test listens");
+            });
+            query.wait().expect("it is sent");
+        };
+        std::thread::scope(|scope| {
+            for lane in lanes {
+                let (over, decide) = (&over, decide.clone());
+                scope.spawn(move || obey(&lane, over, &decide));
+            }
+            let confirm = RunCommand::Confirm(Confirmation::default());
+            for held in [confirm, RunCommand::Stop] {
+                ask(held);
+                assert_eq!(begins.recv_timeout(LONG), Ok(held));
+            }
+            ask(RunCommand::EmergencyStop);
+            assert_eq!(answers.recv_timeout(LONG), Ok((RunCommand::EmergencyStop, Ok(None))));
+            [(), ()].map(|()| emergency_stopped.send(()).expect("they wait"));
+            let mut later = [(); 2].map(|()| answers.recv_timeout(LONG).expect("an answer"));
+            later.sort_by_key(|(command, _)| *command == confirm);
+            assert_eq!(later, [(RunCommand::Stop, Ok(None)), (confirm, Ok(None))]);
+            over.store(true, Ordering::Relaxed);
+        });
+    }
 }
