@@ -238,7 +238,7 @@ fn a_full_disk_is_told_and_leaves_a_readable_recording() {
     for (on_full, code) in [("go-on", 6), ("stop", 130)] {
         let file = dir.path().join(format!("{on_full}.mcap"));
         let profile = profile(dir.path(), 6, "");
-        let instance = instance(on_full);
+        let instance = instance(&format!("full-{on_full}"));
         let args = ["run", &profile, "--realtime", "--out", &file.display().to_string(), "--instance", &instance];
         let mut command = bench(&[&args[..], &["--on-full", on_full]].concat());
         let mut run =
