@@ -1,7 +1,5 @@
 //! What a stretch's past has left in the states of the effects: at the chambers where the lever is led, everywhere on the pump's bench.
 
-use std::ops::Range;
-
 use model::effects::EffectSet;
 use model::integrate::{Seeds, Sensitivity};
 use model::port::PortKind;
@@ -23,7 +21,7 @@ impl Run<'_> {
         };
         if (0..past.rows() - 1).try_for_each(&mut on).is_ok() {
             for own in remembering(past, effects) {
-                self.x[own.clone()].copy_from_slice(&before.x[own]);
+                self.x[own] = before.x[own];
             }
         }
     }
@@ -45,7 +43,7 @@ pub(super) fn remember_sensitivity(run: &Run, seeds: &Seeds, s: &mut Sensitivity
             return;
         }
     }
-    for i in remembering(past, run.effects).into_iter().flatten() {
+    for i in remembering(past, run.effects) {
         for column in 0..told.row(i).len() {
             // the stretch's own initial values come after its past
             s.set(i, column, if column < columns { told.get(i, column) } else { 0.0 });
@@ -59,10 +57,9 @@ fn known<'a>(stretch: &'a Stretch, effects: &EffectSet<f64>) -> Option<&'a Stret
 }
 
 /// Places of the states that a past says something of.
-fn remembering(past: &Stretch, effects: &EffectSet<f64>) -> Vec<Range<usize>> {
+fn remembering(past: &Stretch, effects: &EffectSet<f64>) -> Vec<usize> {
     match past.stand {
-        Stand::Bench if effects.states > 0 => vec![STATES..STATES + effects.states],
-        Stand::Bench => Vec::new(),
-        _ => effects.at_chambers().collect(),
+        Stand::Bench => (STATES..STATES + effects.states).collect(),
+        _ => effects.at_chambers().flatten().collect(),
     }
 }
