@@ -282,6 +282,8 @@ pub(crate) fn first_free(mut names: impl Iterator<Item = PathBuf>) -> PathBuf {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::refusing::refusing;
+    use rt_core::Refusal;
 
     #[test]
     fn neither_a_recording_nor_the_part_of_one_leaves_its_name_free() {
@@ -299,13 +301,6 @@ mod tests {
         assert_eq!(free_file(&dir.path().join("a.b.mcap"), 1), dir.path().join("a.b.mcap"), "asked for by its name");
         assert_eq!(free_file(&dir.path().join("a.b.mcap"), 2), dir.path().join("a.b-3.mcap"));
     }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::refusing::refusing;
-    use rt_core::Refusal;
 
     #[test]
     fn a_stop_that_was_refused_was_not_asked_for() {
