@@ -278,8 +278,9 @@ fn unlimited(limits: &Limits) -> Limits {
         velocity_max_deg_s: f64::MAX,
         torque_max_nm: f64::MAX,
         missing_max_ticks: u32::MAX,
-        age_max_ms: f64::MAX,
-        heartbeat_max_ms: f64::MAX,
+        // the largest that a supervisor takes, nearly: nothing is old on an emulated device
+        age_max_ms: 4e3,
+        heartbeat_max_ms: 4e3,
         voltage_max_v: f64::MAX,
         aftermath_ticks: 0,
         ..*limits

@@ -329,7 +329,7 @@ mod tests {
         };
         std::thread::scope(|scope| {
             for lane in lanes {
-                let (over, decide) = (&over, decide.clone());
+                let (over, decide) = (&over, decide);
                 scope.spawn(move || obey(&lane, over, &decide));
             }
             let confirm = RunCommand::Confirm(Confirmation::default());
@@ -339,7 +339,7 @@ mod tests {
             }
             ask(RunCommand::EmergencyStop);
             assert_eq!(answers.recv_timeout(LONG), Ok((RunCommand::EmergencyStop, Ok(None))));
-            [(), ()].map(|()| emergency_stopped.send(()).expect("they wait"));
+            (0..2).for_each(|_| emergency_stopped.send(()).expect("they wait"));
             let mut later = [(); 2].map(|()| answers.recv_timeout(LONG).expect("an answer"));
             later.sort_by_key(|(command, _)| *command == confirm);
             assert_eq!(later, [(RunCommand::Stop, Ok(None)), (confirm, Ok(None))]);
