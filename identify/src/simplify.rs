@@ -5,6 +5,7 @@ use model::integrate::SimulationError;
 use crate::fit::{Effort, Fit, fit};
 use crate::identification::standard_errors;
 use crate::problem::Problem;
+use crate::uncertainty::Uncertainty;
 
 /// A size may go when its absence raises the cost by less than this many noise variances (per excess of the misfit).
 const WORTH: f64 = 12.0;
@@ -52,9 +53,21 @@ pub fn simplify(problem: &Problem, start: Fit) -> Result<Fit, SimulationError> {
     Ok(best)
 }
 
-/// The fit with the sizes free that [`simplify`] holds at zero. The data do not ask for them, which is not to know that they are zero: what is known of the
-/// others goes with how well these are told from them (the zeros of two pressure sensors are known as a difference alone).
-pub fn released(fit: &Fit) -> Fit {
+/// Standard errors of a fit's entries, whatever sizes [`simplify`] holds at zero. The data do not ask for those, which is not to know that they are zero: what is
+/// known of the others goes with how well they are told from them (the zeros of two pressure sensors are known as a difference alone).
+pub fn errors_of_simplified(problem: &Problem, fit: &Fit) -> Result<Vec<f64>, SimulationError> {
+    let alone = Uncertainty::of(problem, fit)?;
+    let open = released(fit);
+    let beside = match open.layout.held.len() < fit.layout.held.len() {
+        true => Some(Uncertainty::of(problem, &open)?),
+        false => None,
+    };
+    let std = |entry: usize| beside.iter().map(|b| b.of_entry(entry)).fold(alone.of_entry(entry), f64::max);
+    Ok((0..fit.layout.len()).map(std).collect())
+}
+
+/// The fit with all sizes free.
+fn released(fit: &Fit) -> Fit {
     let mut layout = fit.layout.clone();
     let shapes = layout.shapes();
     layout.held.retain(|entry| shapes.contains(entry));
@@ -65,7 +78,6 @@ pub fn released(fit: &Fit) -> Fit {
 mod tests {
     use super::*;
     use crate::common::{dynamic, layout, problem};
-    use crate::uncertainty::Uncertainty;
     use model::Parameters;
     use model::effects::find;
 
@@ -82,16 +94,17 @@ mod tests {
         let found = fit(&problem, &named, point, Effort::default()).unwrap();
         let simple = simplify(&problem, found).unwrap();
         let first = simple.layout.first_of(0);
-        let std = |fit: &Fit, i: usize| Uncertainty::of(&problem, fit).unwrap().of_entry(first + i);
+        let (alone, beside) =
+            (Uncertainty::of(&problem, &simple).unwrap(), errors_of_simplified(&problem, &simple).unwrap());
         let values = &simple.point.theta[first..];
         let free: Vec<usize> = [0, 2].into_iter().filter(|i| !simple.layout.held.contains(&(first + i))).collect();
         assert!((values[0] - values[2] - zero1_bar).abs() < 0.01, "their difference: {values:?}");
-        for i in free {
-            let released = std(&released(&simple), i);
-            let off = (values[i] - [zero1_bar, 0.0, 0.0][i]).abs();
-            assert!(released >= std(&simple, i) && off < 3.0 * released, "{i}: {values:?}, {off} and {released} bar");
-        }
-        let held = simple.layout.held.iter().filter(|entry| !simple.layout.shapes().contains(entry)).count();
-        assert!(held > 0 && released(&simple).layout.held.len() + held == simple.layout.held.len());
+        assert_eq!(free.len(), 1, "one of the two is enough");
+        let off = (values[free[0]] - [zero1_bar, 0.0, 0.0][free[0]]).abs();
+        let entry = first + free[0];
+        assert!(beside[entry] > 10.0 * alone.of_entry(entry), "alone it would be known as well as the difference");
+        assert!(off < 2.0 * beside[entry], "{values:?}, {off} and {} bar", beside[entry]);
+        let mut base = beside.iter().take(first).enumerate().filter(|(i, _)| !simple.layout.held.contains(i));
+        assert!(base.all(|(i, std)| *std >= alone.of_entry(i)), "nothing is known better for it");
     }
 }

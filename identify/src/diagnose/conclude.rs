@@ -9,8 +9,7 @@ use super::search::{Found, Name, Search, Step};
 use super::{Added, CONSISTENT, DISAGREE, Diagnosis, EXPLAINED, GROSS, MATERIAL, MOST_EFFECTS, SUBSTANTIAL, Verdict};
 use crate::fit::Fit;
 use crate::misfit::{self, Part};
-use crate::simplify::{released, simplify};
-use crate::uncertainty::Uncertainty;
+use crate::simplify::{errors_of_simplified, simplify};
 
 impl Search<'_> {
     /// What a step leaves, as the data that were left out of its fit show it.
@@ -143,13 +142,7 @@ impl Search<'_> {
         if names.is_empty() {
             return Ok(Vec::new());
         }
-        let alone = Uncertainty::of(self.problem, fit)?;
-        let open = released(fit);
-        let beside = match open.layout.held.len() < fit.layout.held.len() {
-            true => Some(Uncertainty::of(self.problem, &open)?),
-            false => None,
-        };
-        let std = |entry: usize| beside.iter().map(|b| b.of_entry(entry)).fold(alone.of_entry(entry), f64::max);
+        let std = errors_of_simplified(self.problem, fit)?;
         Ok(names
             .iter()
             .map(|name| {
@@ -164,7 +157,7 @@ impl Search<'_> {
                     probability: name.probability,
                     equivalent: name.equivalent.clone(),
                     values: fit.point.theta[entries.clone()].to_vec(),
-                    std: entries.map(std).collect(),
+                    std: std[entries].to_vec(),
                 }
             })
             .collect())

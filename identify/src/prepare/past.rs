@@ -4,6 +4,7 @@
 use recordings::Recording;
 
 use super::inputs::{filled, smoothed};
+use super::rows::is_switched;
 use super::way::way_rad;
 use super::{Stand, Stretch};
 
@@ -16,8 +17,8 @@ const GAP_S: f64 = 1.0;
 /// Distance of the rows, s: what forgets faster does not remember a stretch's past either, but for the pump's last change of voltage, which is a row too.
 const SPACING_S: f64 = 0.1;
 
-/// The rows before row `first` of a recording, in which pressures, and angle if there is a lever, are inputs; the last one is `first` itself. `None` where the recording begins
-/// there, or does not know. `stretch`: what begins there; `noise_deg`: of one sample.
+/// The rows before row `first` of a recording, in which pressures, and angle if there is a lever, are inputs; the last one is `first` itself. `None` where
+/// the recording begins there, or does not know. `stretch`: what begins there; `noise_deg`: of one sample.
 pub(super) fn past(stretch: &Stretch, r: &Recording, first: usize, noise_deg: f64) -> Option<Box<Stretch>> {
     let on_bench = stretch.stand == Stand::Bench;
     let reach_s = if on_bench { REACH_ON_BENCH_S } else { REACH_S };
@@ -60,11 +61,4 @@ pub(super) fn past(stretch: &Stretch, r: &Recording, first: usize, noise_deg: f6
         ..stretch.clone()
     };
     past.has_inputs().then(|| Box::new(past))
-}
-
-/// Voltage or valves are others than a row before.
-fn is_switched(r: &Recording, i: usize) -> bool {
-    r.voltage_v[i] != r.voltage_v[i - 1]
-        || r.brake_open[i] != r.brake_open[i - 1]
-        || r.bypass_open[i] != r.bypass_open[i - 1]
 }

@@ -9,17 +9,20 @@ pub(super) fn slow(protocol: Protocol) -> bool {
     matches!(protocol, Protocol::TorqueMap | Protocol::VolumeMap | Protocol::PumpMap | Protocol::ClampSteps)
 }
 
+/// Voltage or valves are others in this row than in the one before.
+pub(super) fn is_switched(r: &Recording, i: usize) -> bool {
+    r.voltage_v[i] != r.voltage_v[i - 1]
+        || r.brake_open[i] != r.brake_open[i - 1]
+        || r.bypass_open[i] != r.bypass_open[i - 1]
+}
+
 /// Every row `spacing_s` apart, and those where an input or the segment changes or a sparse reading stands.
 pub(super) fn thinned(r: &Recording, spacing_s: f64) -> Recording {
     let sparse = r.volume_ml.iter().filter(|v| v.is_finite()).count() * 5 < r.len();
     let mut keep = Vec::new();
     let mut last = f64::NEG_INFINITY;
     for i in 0..r.len() {
-        let changed = i > 0
-            && (r.segment[i] != r.segment[i - 1]
-                || r.voltage_v[i] != r.voltage_v[i - 1]
-                || r.brake_open[i] != r.brake_open[i - 1]
-                || r.bypass_open[i] != r.bypass_open[i - 1]);
+        let changed = i > 0 && (r.segment[i] != r.segment[i - 1] || is_switched(r, i));
         if changed || r.time_s[i] - last > spacing_s - 1e-6 || (sparse && r.volume_ml[i].is_finite()) {
             keep.push(i);
             last = r.time_s[i];
