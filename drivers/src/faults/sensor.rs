@@ -190,7 +190,7 @@ impl Sensor {
             // Nothing was heard since the run's start.
             None => (f64::NAN, 0, false),
         };
-        *value_of(measured, self.input) = value;
+        *measured.value_mut(self.input) = value;
         measured.age_ns[self.input as usize] = u32::try_from((now_ns - measured_ns).max(0)).unwrap_or(u32::MAX);
         let bit = self.input.bit();
         measured.faulty = if faulty || self.refused { measured.faulty | bit } else { measured.faulty & !bit };
@@ -204,16 +204,6 @@ fn flipped(value: f64, bit: u8, low: f64, high: f64) -> f64 {
     let raw = ((value - low) / (high - low) * most).round().clamp(0.0, most) as u32;
     let other = raw ^ (1 << bit);
     value + (f64::from(other) - f64::from(raw)) / most * (high - low)
-}
-
-fn value_of(measured: &mut Measurement, input: Input) -> &mut f64 {
-    match input {
-        Input::Angle => &mut measured.angle_deg,
-        Input::Pressure1 => &mut measured.pressure1_bar,
-        Input::Pressure2 => &mut measured.pressure2_bar,
-        Input::Torque => &mut measured.torque_nm,
-        Input::Volume => &mut measured.volume_ml,
-    }
 }
 
 #[cfg(test)]

@@ -113,7 +113,8 @@ impl Measurement {
         }
     }
 
-    fn value_mut(&mut self, input: Input) -> &mut f64 {
+    /// The same to be changed.
+    pub fn value_mut(&mut self, input: Input) -> &mut f64 {
         match input {
             Input::Angle => &mut self.angle_deg,
             Input::Pressure1 => &mut self.pressure1_bar,
