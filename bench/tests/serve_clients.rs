@@ -2,12 +2,12 @@
 
 mod serve_client;
 
-use serve_client::{Live, PATIENCE, Service, bench, samples, wait_for};
+use serve_client::{Live, Service, bench, samples, wait_for};
 use std::collections::BTreeSet;
 use std::os::fd::AsRawFd;
 use std::process::Stdio;
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Times of the buckets, without those that only say that nothing is there.
 fn times(live: &Live) -> Vec<f64> {
@@ -129,9 +129,7 @@ fn a_run_of_another_process_is_shown_and_can_be_stopped() {
     });
     other.kill().expect("it is our child");
     other.wait().expect("it is our child");
-    let begin = Instant::now();
     wait_for("its end to be noticed", || (service.state()["run"]["ended"] == true).then_some(()));
-    assert!(begin.elapsed() < PATIENCE);
     assert_eq!(service.state()["run"]["number"], 2, "every run has its number");
     service.done("/arm", "{}");
     wait_for("a run after it", || (service.state()["last"]["outcome"] == "completed").then_some(()));

@@ -27,7 +27,7 @@ const TEXT_BYTES: usize = 240;
 /// The loop judges a confirmation within a tick; one that is held up for longer than this has no answer.
 const VERDICT_PATIENCE: Duration = Duration::from_secs(2);
 /// One run's end may still be open when the next one begins.
-const KIND: Kind = Kind { part: "command", nobody: |instance| LinkError::Nobody { instance }, shared: true };
+const KIND: Kind = Kind { part: "command", nobody: |instance| LinkError::Nobody { instance }, servers: 2 };
 
 /// What another process asks of a run.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -10,6 +10,7 @@ use iceoryx2::port::listener::{Listener, ListenerWaitError};
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::server::Server;
 use iceoryx2::prelude::*;
+use iceoryx2::service::port_factory::server::ServerCreateError;
 use iceoryx2::service::port_factory::{event, request_response};
 
 use crate::leftovers::watched;
@@ -18,8 +19,8 @@ use crate::presence::{failed, participant};
 
 /// Programs that may ask one instance at a time.
 const MAX_CLIENTS: usize = 8;
-/// A server that ends and one that begins may meet.
-const MAX_SERVERS: usize = 2;
+/// Those that answer, and such as begin to and are refused.
+const MAX_LISTENERS: usize = 8;
 const MAX_NODES: usize = 16;
 /// Between two looks after an answer.
 pub(crate) const LOOK: Duration = Duration::from_millis(1);
@@ -42,8 +43,8 @@ pub(crate) struct Kind {
     pub part: &'static str,
     /// Nobody answers on this instance.
     pub nobody: fn(String) -> LinkError,
-    /// Two that answer may meet, one that ends and one that begins.
-    pub shared: bool,
+    /// How many may answer at a time; the transport counts them in one step.
+    pub servers: usize,
 }
 
 impl Kind {
@@ -86,19 +87,16 @@ impl<Q: Plain, A: Plain> Answering<Q, A> {
                 .max_active_requests_per_client(2)
                 .max_response_buffer_size(2)
                 .max_clients(MAX_CLIENTS)
-                .max_servers(MAX_SERVERS)
+                .max_servers(kind.servers)
                 .max_nodes(MAX_NODES)
                 .open_or_create()
         });
         let requests = requests.map_err(|e| failed(instance, "open the command channel", &e))?;
-        if !kind.shared && requests.dynamic_config().number_of_servers() > 0 {
-            return Err(LinkError::InUse { instance: instance.to_owned() });
-        }
         let wakes = patiently(|| {
             node.service_builder(&wake_name)
                 .event()
                 .max_notifiers(MAX_CLIENTS)
-                .max_listeners(MAX_SERVERS)
+                .max_listeners(MAX_LISTENERS)
                 .max_nodes(MAX_NODES)
                 .open_or_create()
         });
@@ -106,7 +104,10 @@ impl<Q: Plain, A: Plain> Answering<Q, A> {
         let listener = wakes.listener_builder().create();
         let listener = listener.map_err(|e| failed(instance, "create the command channel's listener", &e))?;
         let server = requests.server_builder().backpressure_strategy(BackpressureStrategy::DiscardData).create();
-        let server = server.map_err(|e| failed(instance, "create the command channel's server", &e))?;
+        let server = server.map_err(|error| match error {
+            ServerCreateError::ExceedsMaxSupportedServers => LinkError::InUse { instance: instance.to_owned() },
+            other => failed(instance, "create the command channel's server", &other),
+        })?;
         let instance = instance.to_owned();
         Ok(Answering { server, listener, _requests: requests, _wakes: wakes, _node: node, instance })
     }

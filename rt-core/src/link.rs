@@ -13,7 +13,7 @@
 use std::sync::Once;
 use std::time::Duration;
 
-use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
 use iceoryx2::prelude::*;
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 
@@ -25,8 +25,11 @@ use crate::types::{BeyondRange, SAMPLE_VERSION, Sample};
 pub const BUFFER_SAMPLES: usize = 8192;
 /// Subscribers at one time. Together with the buffer this fixes the shared memory, some 25 MB.
 pub const MAX_SUBSCRIBERS: usize = 12;
-/// The loop's publisher, and one more for a bridge to another host.
-const MAX_PUBLISHERS: usize = 2;
+/// The loop, or the bridge that brings its samples from another host. The transport counts them in one step: of two that start at the same moment one
+/// is refused.
+const MAX_PUBLISHERS: usize = 1;
+/// Its other ports: of a publication that ends they may still be there when the next one begins.
+const MAX_PUBLISHING: usize = 2;
 const MAX_NODES: usize = 16;
 /// Progress messages are tiny and the newest says all: old ones may be overwritten.
 const PROGRESS_BUFFER: usize = 64;
@@ -35,8 +38,6 @@ const ATTEMPTS: u32 = 20;
 const BETWEEN_ATTEMPTS: Duration = Duration::from_millis(20);
 /// Longest instance name; a service name holds 255 bytes.
 const INSTANCE_MAX_LEN: usize = 64;
-/// Name of the loop's publisher among those of the sample service.
-const LOOP_PORT: &str = "loop";
 
 pub(crate) type Ipc = ipc::Service;
 pub(crate) type SampleService = publish_subscribe::PortFactory<Ipc, Sample, ()>;
@@ -183,7 +184,7 @@ impl Link {
                 .subscriber_max_buffer_size(PROGRESS_BUFFER)
                 .subscriber_max_borrowed_samples(2)
                 .history_size(0)
-                .max_subscribers(MAX_PUBLISHERS)
+                .max_subscribers(MAX_PUBLISHING)
                 .max_publishers(MAX_SUBSCRIBERS)
                 .max_nodes(MAX_NODES)
                 .open_or_create()
@@ -193,7 +194,7 @@ impl Link {
         let wake = patiently(|| {
             node.service_builder(&wake_name)
                 .event()
-                .max_notifiers(MAX_PUBLISHERS)
+                .max_notifiers(MAX_PUBLISHING)
                 .max_listeners(MAX_SUBSCRIBERS)
                 .max_nodes(MAX_NODES)
                 .event_id_max_value(0)
@@ -205,22 +206,16 @@ impl Link {
 
     /// The port on which the loop publishes; refused while another loop does.
     pub fn loop_publisher(&self) -> Result<Publisher<Ipc, Sample, ()>, LinkError> {
-        let port = PortName::new(LOOP_PORT).map_err(|e| self.failed("name the publisher", e.to_string()))?;
-        let mut in_use = false;
-        self.sample.dynamic_config().list_publishers(|details| {
-            in_use |= details.publisher_name == port;
-            CallbackProgression::Continue
-        });
-        if in_use {
-            return Err(LinkError::InUse { instance: self.instance.clone() });
-        }
-        self.sample
+        let port = self
+            .sample
             .publisher_builder()
-            .name(&port)
             .max_loaned_samples(2)
             .backpressure_strategy(BackpressureStrategy::DiscardData)
-            .create()
-            .map_err(|e| self.failed("create the sample publisher", e.to_string()))
+            .create();
+        port.map_err(|error| match error {
+            PublisherCreateError::ExceedsMaxSupportedPublishers => LinkError::InUse { instance: self.instance.clone() },
+            other => self.failed("create the sample publisher", other.to_string()),
+        })
     }
 
     /// Ids of the ports on which lossless loggers report; each of them has exactly one.

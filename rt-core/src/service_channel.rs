@@ -22,7 +22,7 @@ const NAME_BYTES: usize = 120;
 /// Bytes of an answer's text.
 const TEXT_BYTES: usize = 480;
 /// Two services on one instance would start two runs at a time.
-const KIND: Kind = Kind { part: "service", nobody: |instance| LinkError::NoService { instance }, shared: false };
+const KIND: Kind = Kind { part: "service", nobody: |instance| LinkError::NoService { instance }, servers: 1 };
 
 /// How the service stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -56,6 +56,27 @@ fn one_instance_has_one_publication_and_is_free_again_afterwards() {
 }
 
 #[test]
+fn of_many_that_start_at_the_same_moment_one_publishes() {
+    const MANY: usize = 8;
+    for round in 0..5 {
+        let instance = instance(&format!("race-{round}"));
+        let together = std::sync::Barrier::new(MANY);
+        let start = || {
+            together.wait();
+            let publication = Publication::start(&instance, Pace::LOCKSTEP);
+            together.wait();
+            publication.err()
+        };
+        let errors: Vec<_> = std::thread::scope(|scope| {
+            let threads: Vec<_> = (0..MANY).map(|_| scope.spawn(start)).collect();
+            threads.into_iter().map(|thread| thread.join().unwrap()).collect()
+        });
+        let refused = errors.iter().flatten().filter(|e| matches!(e, LinkError::InUse { .. })).count();
+        assert_eq!(refused, MANY - 1, "{errors:?}");
+    }
+}
+
+#[test]
 fn a_sample_of_another_version_is_refused() {
     let instance = instance("version");
     let mut publication = Publication::start(&instance, Pace::LOCKSTEP).unwrap();

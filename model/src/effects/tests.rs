@@ -8,6 +8,7 @@ mod forms;
 mod pairs;
 mod slopes;
 
+use super::empirical::EMPIRICAL;
 use super::*;
 use crate::parameters::Parameters;
 use crate::port::{AMBIENT_BAR, ActuatorPort, HydraulicPort, LinePort, MechanicalPort, SensorPort};
@@ -187,7 +188,7 @@ fn the_contracts_ids_are_there_with_their_balances() {
 fn without_size_an_effect_leaves_the_base_model_to_the_bit() {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let k = Parameters::example().to_vector();
-    for effect in all() {
+    for effect in all().chain(&EMPIRICAL) {
         let h = effect.header();
         for start in h.starts {
             let effects = set(*effect, &h.scaled(start, 0.0));
@@ -208,7 +209,7 @@ fn without_size_an_effect_leaves_the_base_model_to_the_bit() {
 fn with_size_an_effect_changes_something() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     let k = Parameters::example().to_vector();
-    for effect in all() {
+    for effect in all().chain(&EMPIRICAL) {
         let h = effect.header();
         for start in h.starts {
             let effects = set(*effect, start);
