@@ -146,3 +146,24 @@ fn what_a_point_before_leaves_has_its_derivatives() {
         }
     }
 }
+
+/// A campaign whose pressures are stepped up point by point and let go at once offers a slow sensor as well as any other effect.
+#[test]
+fn pressures_that_jump_between_points_do_not_keep_a_slow_sensor_from_being_tried() {
+    let truth = Parameters::example();
+    let points = [(12.0, 1.5), (12.0, 4.5), (18.0, 1.5), (18.0, 4.5), (-12.0, 1.5)];
+    let cut = cut(&pump_map(&truth, LATE, &points));
+    let (alone, mut theta) = model(&truth, LATE);
+    let volumes = |layout: &Layout, theta: &[f64]| -> Vec<f64> {
+        cut.iter().flat_map(|s| predict(s, layout, theta, &[0.0; 3]).unwrap()).collect()
+    };
+    let expected = volumes(&alone, &theta);
+    let slow = alone.with(find("pressure_lag").unwrap());
+    theta.extend([0.5, 0.05]);
+    for (got, expected) in volumes(&slow, &theta).into_iter().zip(expected) {
+        assert!((got - expected).abs() < 1e-6, "{got} ml, expected {expected}");
+    }
+    for s in &cut {
+        assert!(linearise(s, &slow, &theta, &[0.0; 3]).unwrap().slope.iter().all(|v| v.is_finite()));
+    }
+}

@@ -64,13 +64,13 @@ const fn header(
     }
 }
 
-/// Hysteresis of three elements that stick and slip, on ways that differ by a factor of ten (Iwan, J. Appl. Mech. 33, 1966), each of them rounded off a
-/// little: the branches have three bends.
+/// Hysteresis of four elements that stick and slip, on ways that differ by a factor of 25 and follow no law (Iwan, J. Appl. Mech. 33, 1966), each of them rounded
+/// off a little: the branches have four bends.
 struct StickSlip;
 
 impl StickSlip {
     /// Of each element: its share of the torque, and of the way.
-    const ELEMENTS: [(f64, f64); 3] = [(0.3, 0.3), (0.4, 1.0), (0.3, 3.0)];
+    const ELEMENTS: [(f64, f64); 4] = [(0.2, 0.2), (0.3, 0.5), (0.3, 1.7), (0.2, 5.0)];
 
     /// z' of an element whose way is `d`.
     fn rate<S: Scalar>(z: S, w: S, d: S) -> S {
@@ -84,9 +84,9 @@ impl Law for StickSlip {
         "elastic_hysteresis_stick_slip",
         Balance::Torque,
         &[PortKind::Mechanical],
-        "M -= k*(0.3*z1 + 0.4*z2 + 0.3*z3), 0.3*d*z1' = w - abs(w)*z1^5, d*z2' and 3*d*z3' alike",
+        "M -= k*(0.2*z1 + 0.3*z2 + 0.3*z3 + 0.2*z4), 0.2*d*z1' = w - abs(w)*z1^5, 0.5*d*z2', 1.7*d*z3' and 5*d*z4' alike",
         &[size("k", "Nm", 10.0, 0.2), shape("d", "rad", 0.002, 1.5, 0.1)],
-        3,
+        4,
         &[&[0.1, 0.05], &[0.3, 0.15], &[0.3, 0.4]],
     );
 

@@ -94,7 +94,7 @@ mod tests {
     fn a_general_form_is_taken_where_the_rig_has_one_and_not_where_it_has_the_library_s() {
         let plain = find("elastic_hysteresis").unwrap();
         let general = plain.refined().unwrap().effect;
-        let (entries, cost) = formed(general, &[1.0, 0.15, 3.0, 0.6, 0.4, 6.0]);
+        let (entries, cost) = formed(general, &[1.0, 0.15, 3.0, 0.6, 0.3, 0.7, 6.0]);
         assert_eq!(entries, general.header().parameters.len(), "{cost}");
         assert!(cost < 0.999, "{cost}");
         assert_eq!(formed(plain, &[0.3, 0.1]), (2, 1.0));

@@ -1,9 +1,9 @@
-//! What a stretch's past has left in the states of the effects: at the chambers where the lever is led, everywhere on the pump's bench.
+//! What a stretch's past has left in the states of the effects: at the chambers where the lever is led, in motor and line on the pump's bench.
 
 use model::effects::EffectSet;
 use model::integrate::{Seeds, Sensitivity};
 use model::port::PortKind;
-use model::rec::STATES;
+use model::rec::{self, state};
 
 use super::imposed::impose_sensitivity;
 use super::{Run, start_sensitivity};
@@ -16,6 +16,7 @@ impl Run<'_> {
         let Some(past) = known(self.stretch, effects) else { return };
         let mut before = Run::start(past, k, effects, &[0.0; 3]);
         let mut on = |i: usize| {
+            before.settle_sensors(i);
             before.impose(i);
             before.advance(i, i + 1)
         };
@@ -23,6 +24,21 @@ impl Run<'_> {
             for own in remembering(past, effects) {
                 self.x[own] = before.x[own];
             }
+        }
+    }
+
+    /// On the pump's bench pressures jump from point to point, and sensors that are slow are taken to show the new one at once: what motor and line have kept
+    /// is all that a past is asked for there.
+    fn settle_sensors(&mut self, i: usize) {
+        if self.stretch.stand != Stand::Bench || self.effects.in_sensors(true).next().is_none() {
+            return;
+        }
+        let mut settled = self.x.clone();
+        settled[state::PRESSURE1] = self.stretch.pressure_bar[0][i];
+        settled[state::PRESSURE2] = self.stretch.pressure_bar[1][i];
+        rec::rest_states(&self.stretch.input_before(), self.k, self.effects, &mut settled);
+        for own in self.effects.in_sensors(true) {
+            self.x[own.clone()].copy_from_slice(&settled[own]);
         }
     }
 }
@@ -35,6 +51,7 @@ pub(super) fn remember_sensitivity(run: &Run, seeds: &Seeds, s: &mut Sensitivity
     start_sensitivity(past, &before, seeds, &mut told, columns);
     let shifted = run.effects.touches(PortKind::Sensor);
     for i in 0..past.rows() - 1 {
+        before.settle_sensors(i);
         before.impose(i);
         if shifted {
             impose_sensitivity(past, &before, seeds, &mut told, i);
@@ -59,7 +76,7 @@ fn known<'a>(stretch: &'a Stretch, effects: &EffectSet<f64>) -> Option<&'a Stret
 /// Places of the states that a past says something of.
 fn remembering(past: &Stretch, effects: &EffectSet<f64>) -> Vec<usize> {
     match past.stand {
-        Stand::Bench => (STATES..STATES + effects.states).collect(),
+        Stand::Bench => effects.in_sensors(false).flatten().collect(),
         _ => effects.at_chambers().flatten().collect(),
     }
 }

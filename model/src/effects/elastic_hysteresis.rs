@@ -32,14 +32,14 @@ impl Law for ElasticHysteresis {
         passive: true,
     };
     const REFINED: Option<Refined> = Some(Refined {
-        effect: &TwoElements,
-        neutral: &[1.0, 1.0, 0.0, 5.0],
+        effect: &ThreeElements,
+        neutral: &[1.0, 1.0, 0.0, 0.0, 4.0],
         starts: &[
-            &[2.0, 0.75, 0.1, 5.0],
-            &[1.0, 0.6, 0.1, 5.0],
-            &[2.0, 0.75, 0.4, 5.0],
-            &[2.0, 0.75, 0.4, 0.2],
-            &[4.0, 1.0, 0.5, 0.2],
+            &[2.0, 0.75, 0.3, 0.3, 4.0],
+            &[1.0, 0.6, 0.1, 0.1, 4.0],
+            &[2.0, 0.75, 0.1, 0.7, 4.0],
+            &[2.0, 0.75, 0.7, 0.1, 4.0],
+            &[4.0, 1.0, 1.0, 0.0, 5.0],
         ],
     });
 
@@ -73,36 +73,38 @@ fn led<S: Scalar>(way_rad: &[f64], d: S) -> S {
     })
 }
 
-/// Hysteresis of two elements side by side, which forget on ways of different length, and whose branches bend sooner or later, and back otherwise than there.
+/// Hysteresis of three elements side by side, which forget on ways of different length, and whose branches bend sooner or later, and back otherwise than there.
+/// Ways that follow each other by one factor come near to any distribution of them; what each element bears is linear, so its fit has one minimum.
 ///
 /// Each is passive as Dahl's: of the power k*z*w the stored energy k*d*z^2/2 takes all but k*abs(z)^(n+1)*abs(w) on the way up, and that times 2*b - 1, which is
 /// not negative, on the way back.
-struct TwoElements;
+struct ThreeElements;
 
 /// Smooths abs(z) about 0, where a power of it has no slope.
 const SMALL: f64 = 1e-3;
 /// A stroke of so many d forgets all that was before it.
 const FORGOTTEN: f64 = 30.0;
-/// Least way of the second element, rad, as of the first: an integration with steps of a millisecond jumps over a shorter one.
+/// Least way of an element, rad, as of the plain form's: an integration with steps of a millisecond jumps over a shorter one.
 const LEAST_WAY_RAD: f64 = 2e-3;
 /// Steps of a Runge-Kutta integration along a way of one d.
 const STEPS: f64 = 5.0;
 
-impl Law for TwoElements {
+impl Law for ThreeElements {
     const HEADER: Header = Header {
-        equation: "M -= k*((1 - share)*z1 + share*z2), d_i*z_i' = w - (b*abs(w)*z_i + (1 - b)*w*abs(z_i))*abs(z_i)^(n - 1), d_1 = d, d_2 = ratio*d but 2 mrad at least (Bouc-Wen; n = b = 1: Dahl; share = 0: one element); abs(z_i) <= 1; of a free lever at rest both hold the torque that is left, as far as k reaches; where the lever was led, each follows from its way",
+        equation: "M -= k*(short*z1 + z2 + long*z3)/(short + 1 + long), d_i*z_i' = w - (b*abs(w)*z_i + (1 - b)*w*abs(z_i))*abs(z_i)^(n - 1), d_1 = d/ratio but 2 mrad at least, d_2 = d, d_3 = ratio*d (Bouc-Wen; n = b = 1: Dahl; short = long = 0: one element); abs(z_i) <= 1; of a free lever at rest all hold the torque that is left, as far as k reaches; where the lever was led, each follows from its way",
         validity: "rate-independent internal friction of rubber and fabric; d_i is the way on which an element forgets a reversed stroke; with a larger n the branches bend later and more sharply, with a smaller b they are straighter on the way back; the power of abs(z_i) smoothed over 1e-3",
-        literature: "Wen, Method for random vibration of hysteretic systems, J. Eng. Mech. Div. ASCE 102 (1976); Ismail, Ikhouane, Rodellar, The hysteresis Bouc-Wen model, a survey, Arch. Comput. Methods Eng. 16 (2009); Vo-Minh, Tjahjowidodo et al., IEEE/ASME Trans. Mechatronics 16 (2011): Maxwell slip, elements side by side",
+        literature: "Wen, Method for random vibration of hysteretic systems, J. Eng. Mech. Div. ASCE 102 (1976); Ismail, Ikhouane, Rodellar, The hysteresis Bouc-Wen model, a survey, Arch. Comput. Methods Eng. 16 (2009); Iwan, A distributed-element model for hysteresis, J. Appl. Mech. 33 (1966); Vo-Minh, Tjahjowidodo et al., IEEE/ASME Trans. Mechatronics 16 (2011): Maxwell slip, elements side by side",
         parameters: &[
             ElasticHysteresis::HEADER.parameters[0],
             ElasticHysteresis::HEADER.parameters[1],
             Parameter { name: "n", unit: "1", lower: 1.0, upper: 6.0, typical: 1.5, size: false },
             Parameter { name: "b", unit: "1", lower: 0.5, upper: 1.0, typical: 0.75, size: false },
-            Parameter { name: "share", unit: "1", lower: 0.0, upper: 1.0, typical: 0.4, size: false },
-            Parameter { name: "ratio", unit: "1", lower: 0.02, upper: 50.0, typical: 5.0, size: false },
+            Parameter { name: "short", unit: "1", lower: 0.0, upper: 20.0, typical: 0.5, size: false },
+            Parameter { name: "long", unit: "1", lower: 0.0, upper: 20.0, typical: 0.5, size: false },
+            Parameter { name: "ratio", unit: "1", lower: 1.5, upper: 40.0, typical: 4.0, size: false },
         ],
-        states: 2,
-        starts: &[&[0.1, 0.1, 2.0, 0.75, 0.3, 5.0], &[1.5, 0.1, 2.0, 0.75, 0.3, 5.0]],
+        states: 3,
+        starts: &[&[0.1, 0.1, 2.0, 0.75, 0.3, 0.3, 5.0], &[1.5, 0.1, 2.0, 0.75, 0.3, 0.3, 5.0]],
         ..ElasticHysteresis::HEADER
     };
 
@@ -111,7 +113,8 @@ impl Law for TwoElements {
             for (i, shape) in elements(k).into_iter().enumerate() {
                 dx[i] = rate(&shape, x[i], m.velocity_rad_s);
             }
-            m.torque_nm -= k[0] * (x[0] + k[4] * (x[1] - x[0]));
+            let (short, long) = (k[4], k[5]);
+            m.torque_nm -= k[0] * (short * x[0] + x[1] + long * x[2]) / (short + 1.0 + long);
         }
     }
 
@@ -126,8 +129,9 @@ impl Law for TwoElements {
 }
 
 /// d, n and b of each element.
-fn elements<S: Scalar>(k: &[S]) -> [[S; 3]; 2] {
-    [[k[1], k[2], k[3]], [(k[1] * k[5]).at_least(LEAST_WAY_RAD), k[2], k[3]]]
+fn elements<S: Scalar>(k: &[S]) -> [[S; 3]; 3] {
+    let (d, n, b, ratio) = (k[1], k[2], k[3], k[6]);
+    [[(d / ratio).at_least(LEAST_WAY_RAD), n, b], [d, n, b], [d * ratio, n, b]]
 }
 
 /// z' at a velocity; `shape`: d, n and b.
@@ -198,29 +202,30 @@ mod tests {
     #[test]
     fn a_general_way_leads_where_moving_along_it_does_and_forgets_in_a_long_stroke() {
         for [d, n, b, ratio] in
-            [[0.08, 2.0, 0.7, 4.0], [0.08, 1.0, 1.0, 2.0], [0.3, 5.0, 0.5, 1.5], [0.02, 1.5, 0.9, 20.0]]
+            [[0.08, 2.0, 0.7, 4.0], [0.08, 1.0, 1.0, 2.0], [0.3, 5.0, 0.5, 1.5], [0.1, 1.5, 0.9, 10.0]]
         {
-            let k = [0.5, d, n, b, 0.4, ratio];
-            let (by_motion, by_way) = (moved(&TwoElements, &k, &WAY_RAD), at_rest(&TwoElements, &k, &WAY_RAD));
+            let k = [0.5, d, n, b, 0.4, 0.7, ratio];
+            let (by_motion, by_way) = (moved(&ThreeElements, &k, &WAY_RAD), at_rest(&ThreeElements, &k, &WAY_RAD));
             for (motion, way) in by_motion.iter().zip(&by_way) {
                 assert!((motion - way).abs() < 3e-3, "{k:?}: {by_motion:?} {by_way:?}");
             }
         }
         let dahl = at_rest(&ElasticHysteresis, &[0.5, 0.08], &WAY_RAD)[0];
-        assert!((at_rest(&TwoElements, &[0.5, 0.08, 1.0, 1.0, 0.0, 5.0], &WAY_RAD)[0] - dahl).abs() < 1e-3);
-        assert_eq!(at_rest(&TwoElements, &[0.5, 0.002, 2.0, 0.7, 0.4, 5.0], &[0.5, -0.5]), [-1.0; 2]);
+        assert!((at_rest(&ThreeElements, &[0.5, 0.08, 1.0, 1.0, 0.0, 0.0, 5.0], &WAY_RAD)[1] - dahl).abs() < 1e-3);
+        assert_eq!(at_rest(&ThreeElements, &[0.5, 0.004, 2.0, 0.7, 0.4, 0.4, 2.0], &[0.5, -0.5]), [-1.0; 3]);
     }
 
     #[test]
-    fn two_elements_hold_their_shares_of_the_torque() {
-        let torque = |share: f64| {
+    fn three_elements_hold_their_shares_of_the_torque() {
+        let torque = |short: f64, long: f64| {
             let mut port = MechanicalPort::at(0.0, 0.0, 0.0);
-            let z = [1.0, 0.25];
-            TwoElements.act(&[0.8, 0.1, 2.0, 0.7, share, 5.0], &z, &mut [0.0; 2], &mut Port::Mechanical(&mut port));
+            let z = [1.0, 0.5, 0.25];
+            let k = [0.8, 0.1, 2.0, 0.7, short, long, 5.0];
+            ThreeElements.act(&k, &z, &mut [0.0; 3], &mut Port::Mechanical(&mut port));
             port.torque_nm
         };
-        for (share, expected) in [(0.0, -0.8), (1.0, -0.2), (0.5, -0.5)] {
-            assert!((torque(share) - expected).abs() < 1e-12);
+        for (short, long, expected) in [(0.0, 0.0, -0.4), (1.0, 0.0, -0.6), (0.0, 1.0, -0.3), (2.0, 1.0, -0.55)] {
+            assert!((torque(short, long) - expected).abs() < 1e-12);
         }
     }
 

@@ -327,9 +327,17 @@ impl<S: Scalar> EffectSet<S> {
 
     /// Places of the states of each effect that acts at the chambers alone, in the plant's state vector.
     pub fn at_chambers(&self) -> impl Iterator<Item = std::ops::Range<usize>> + '_ {
-        const AT_CHAMBERS: u8 = 1 << PortKind::Hydraulic as u8;
-        let own = self.items.iter().filter(|a| a.ports == AT_CHAMBERS && !a.own.is_empty());
-        own.map(|a| a.own.clone())
+        self.with_states().filter(|a| a.ports == 1 << PortKind::Hydraulic as u8).map(|a| a.own.clone())
+    }
+
+    /// The same of each effect in a sensor, or of each that is in none.
+    pub fn in_sensors(&self, within: bool) -> impl Iterator<Item = std::ops::Range<usize>> + '_ {
+        let in_sensor = |a: &Active<S>| a.ports & 1 << PortKind::Sensor as u8 != 0;
+        self.with_states().filter(move |a| in_sensor(a) == within).map(|a| a.own.clone())
+    }
+
+    fn with_states(&self) -> impl Iterator<Item = &Active<S>> {
+        self.items.iter().filter(|a| !a.own.is_empty())
     }
 
     /// Some effect acts on this port.
