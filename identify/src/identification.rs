@@ -4,10 +4,11 @@ use std::collections::BTreeMap;
 
 use model::Parameters;
 use model::integrate::SimulationError;
-use model::parameters::{NAMES, index};
+use model::parameters::NAMES;
 use recordings::{CampaignError, Protocol, Role};
 
 use crate::component::{self, CapacityPoint, LossPoint, PumpPoint, TorquePoint};
+use crate::determined::{Determined, determined};
 use crate::false_minimum::{CREEP, left_behind, with_plain_losses};
 use crate::fit::{Effort, FAR, Fit, covariance, fit, fit_from};
 use crate::layout::Layout;
@@ -165,13 +166,22 @@ pub fn identify_as(loaded: &Loaded, form: TorqueForm, progress: &dyn Fn(&str)) -
         None => problem.linearise(&layout, &first.point).map_err(simulation("the identify runs"))?,
     };
     problem.reweigh(&mut pieces);
-    let undetermined = drop_undetermined(&problem, &mut layout, &first, &pieces);
+    let Determined { undetermined, lost } = determined(&problem, &component, &first, &pieces);
     let all = Layout::base(&component);
-    let of_first = all.base.iter().zip(&first.point.theta);
-    let kept: Vec<f64> = of_first.clone().filter(|(i, _)| layout.base.contains(i)).map(|(_, v)| *v).collect();
     let mut start = first.point.clone();
-    start.theta = kept;
-    let mut known = Some(pieces).filter(|_| undetermined.is_empty());
+    for (own, (i, v)) in start.theta.iter_mut().zip(all.base.iter().zip(all.vector_of(&component))) {
+        if lost.contains(i) {
+            *own = v;
+        }
+    }
+    let of_first = start.theta.clone();
+    let of_first = all.base.iter().zip(&of_first);
+    layout.base.retain(|i| !undetermined.contains_key(i));
+    of_first.clone().filter(|(i, _)| layout.base.contains(i)).for_each(|(i, v)| layout.fixed[*i] = *v);
+    start.theta = of_first.clone().filter(|(i, _)| layout.base.contains(i)).map(|(_, v)| *v).collect();
+    let undetermined: BTreeMap<String, String> =
+        undetermined.into_iter().map(|(i, why)| (NAMES[i].to_owned(), why)).collect();
+    let mut known = Some(pieces).filter(|_| undetermined.is_empty() && lost.is_empty());
     if known.is_none() {
         known = problem.linearise(&layout, &start).ok();
         if known.is_none() {
@@ -253,9 +263,6 @@ fn bypass_by_scan(problem: &Problem, layout: &Layout, p: &mut Parameters) {
 /// What a next step may still promise at the end of the joint fit, noise variances: see [`Effort::promise`].
 pub(crate) const PROMISE: f64 = 0.01;
 
-/// From this correlation on two parameters are told as a combination.
-const BOUND: f64 = 0.95;
-
 /// From the component experiments to near the joint minimum: first what stands still, which costs little, then everything. The second
 /// part is the linearisation of the end, where it is known.
 ///
@@ -289,89 +296,4 @@ pub fn rough_fit(
 /// From near the joint minimum to it.
 pub fn polish() -> Effort {
     Effort { iterations: 20, tolerance: 1e-6, promise: PROMISE, creep: 0.0, ahead: true }
-}
-
-/// Takes out of the layout what the data do not determine: one after the other, the worst first.
-fn drop_undetermined(
-    problem: &Problem,
-    layout: &mut Layout,
-    first: &Fit,
-    pieces: &[Piece],
-) -> BTreeMap<String, String> {
-    let full = problem.normal(pieces, first.layout.len(), &first.point).matrix;
-    let misfit = (first.cost / problem.targets() as f64).max(1.0);
-    let mut left: Vec<usize> = (0..first.layout.base.len()).collect();
-    let mut out = BTreeMap::new();
-    loop {
-        let m = full.select_rows(&left).select_columns(&left);
-        let c = covariance(&m);
-        let worst = (0..left.len())
-            .map(|i| {
-                let at = left[i];
-                let size = first.point.theta[at].abs().max(scale(first.layout.base[at]));
-                (i, (c[(i, i)] * misfit.min(100.0)).sqrt() / size)
-            })
-            .max_by(|a, b| a.1.total_cmp(&b.1));
-        match worst {
-            Some((i, ratio)) if ratio > 1.0 => {
-                let parameter = first.layout.base[left[i]];
-                let of = |j: usize| c[(i, j)] / (c[(i, i)] * c[(j, j)]).sqrt();
-                let bound: Vec<&str> = (0..left.len())
-                    .filter(|&j| j != i && of(j).abs() > BOUND)
-                    .map(|j| NAMES[first.layout.base[left[j]]])
-                    .collect();
-                let why = format!(
-                    "its standard error is {} its size{}: {}",
-                    if ratio > 1e4 { "far beyond".to_string() } else { format!("{ratio:.1} times") },
-                    if bound.is_empty() {
-                        String::new()
-                    } else {
-                        format!(", only a combination with {} shows", bound.join(", "))
-                    },
-                    needed_run(parameter)
-                );
-                out.insert(NAMES[parameter].to_string(), why);
-                left.remove(i);
-            }
-            _ => break,
-        }
-    }
-    layout.base = left.iter().map(|&i| first.layout.base[i]).collect();
-    for (i, v) in first.layout.base.iter().zip(&first.point.theta) {
-        if layout.base.contains(i) {
-            layout.fixed[*i] = *v;
-        }
-    }
-    out
-}
-
-/// A size below which a parameter is as good as zero, so that a well-known zero is not called undetermined.
-pub(crate) fn scale(parameter: usize) -> f64 {
-    use index::*;
-    match parameter {
-        M1 => 0.5,
-        M2 => 1.0,
-        H3 => 0.3,
-        A1 => 0.003,
-        V1 => 5.0,
-        F2 => 0.002,
-        F3 => 0.05,
-        F4 => 0.2,
-        L1 => 1.0,
-        L2 => 1.0,
-        _ => 0.0,
-    }
-}
-
-/// The run that would determine a parameter.
-fn needed_run(parameter: usize) -> &'static str {
-    use index::*;
-    match parameter {
-        M1 | M2 | M3 => "a torque-map run would determine it",
-        H1 | H2 | H3 | A1 => "a clamp-steps run over several angles would determine it",
-        V1 | V2 => "a volume-map run would determine it",
-        F1 | F2 | F3 | F4 => "a pump-map run in both directions would determine it",
-        K_B => "a random-steps run with the bypass open would determine it",
-        _ => "constant-flow strokes from slow to fast would determine it",
-    }
 }

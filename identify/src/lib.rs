@@ -10,6 +10,7 @@ pub mod consistency;
 pub mod corruption;
 pub mod declared;
 pub mod design;
+pub mod determined;
 pub mod diagnose;
 pub mod equations;
 pub mod equivalence;

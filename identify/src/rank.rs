@@ -4,8 +4,8 @@ use model::integrate::SimulationError;
 use model::parameters::{NAMES, index};
 use nalgebra::DMatrix;
 
+use crate::determined::scale;
 use crate::fit::Fit;
-use crate::identification::scale;
 use crate::layout::FREE;
 use crate::problem::{Normal, Point, Problem};
 

@@ -84,7 +84,7 @@ fn alone(m: &Material, only: &[usize], keep: impl Fn(&Stretch) -> bool) -> Vec<(
         let value = fit.point.theta[entries[i]];
         // colour widens it as it does in the joint fit
         let std = (covariance[(i, i)] * misfit).sqrt() * m.uncertainty.widening(p).unwrap_or(1.0);
-        let size = value.abs().max(crate::identification::scale(p));
+        let size = value.abs().max(crate::determined::scale(p));
         // a step beyond this is none of a linear model
         (std.is_finite() && std < 0.3 * size && step[i].abs() < 0.5 * size).then(|| (p, value + step[i], std))
     };
