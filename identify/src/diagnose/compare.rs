@@ -128,7 +128,7 @@ fn is_noise(problem: &Problem, fit: &Fit) -> bool {
 }
 
 /// A general form may take away what [`forms::CLEARLY`] asks of it: that much of the cost, or more, is structured.
-fn a_form_may_tell(problem: &Problem, fit: &Fit) -> bool {
+pub(super) fn a_form_may_tell(problem: &Problem, fit: &Fit) -> bool {
     let left = misfit::parts_left_by(problem, fit);
     left.is_ok_and(|left| misfit::largest(&left) >= MATERIAL && misfit::cost(&left) > (1.0 - forms::CLEARLY) * fit.cost)
 }

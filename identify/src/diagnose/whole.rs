@@ -2,11 +2,12 @@
 
 use model::integrate::SimulationError;
 
-use super::compare::{guided, to_the_end};
+use super::compare::{GENERAL, a_form_may_tell, guided, to_the_end};
 use super::search::{Found, Search, is_gross};
 use super::{LOST, MATERIAL};
 use crate::false_minimum::left_behind;
 use crate::fit::{Effort, FAR, Fit, fit};
+use crate::forms::{CLEARLY, refined};
 use crate::misfit;
 use crate::problem::{Point, Problem};
 
@@ -47,11 +48,34 @@ impl Search<'_> {
             _ => (lead, false),
         };
         let Some(fit) = ended(self.problem, current, start, to_the_end()) else { return Ok(None) };
+        let (fit, general) = match self.formed(&fit, current, brief) {
+            Some((fit, general)) => (fit, Some(general)),
+            None => (fit, None),
+        };
         let reached = fit.cost;
         let fit = self.sought_from_afar(fit)?;
         let moved = moved || fit.cost < reached;
-        let there = if moved { self.nested(&fit).ok() } else { None };
-        Ok(Some(Seated { fit, brief: there.filter(|there| there.cost < brief.cost) }))
+        let there = if moved { self.nested(&fit).ok().filter(|there| there.cost < brief.cost) } else { None };
+        Ok(Some(Seated { fit, brief: there.or(general) }))
+    }
+
+    /// The fit of the whole runs with what was added in its general form, and the brief runs' with it: where the whole ones leave what a form may take and
+    /// the brief ones do not, as a stop that the lever comes into deeper later on.
+    fn formed(&self, fit: &Fit, current: &Fit, brief: &Fit) -> Option<(Fit, Fit)> {
+        if a_form_may_tell(&self.brief, brief) || !a_form_may_tell(self.problem, fit) {
+            return None;
+        }
+        let before: Vec<&str> = current.layout.effects.iter().map(|e| e.header().id).collect();
+        let added: Vec<&str> =
+            fit.layout.effects.iter().map(|e| e.header().id).filter(|id| !before.contains(id)).collect();
+        let general = refined(self.problem, fit.clone(), &added, GENERAL.effort(), CLEARLY);
+        if general.layout.len() == fit.layout.len() {
+            return None;
+        }
+        tracing::info!(from = fit.cost, to = general.cost, "general form on the whole runs");
+        // where the brief runs can't be simulated from there the name keeps the form that it has
+        let brief = self.nested(&general).ok()?;
+        Some((general, brief))
     }
 
     /// A fit that leaves more than noise, or a better one of the same names from base values that no effect has bent. Far from the noise it is the form or
