@@ -53,24 +53,24 @@ fn still(pressure_bar: [f64; 2]) -> Rest<'static, f64> {
 #[test]
 fn hysteresis_saturates_at_its_size_and_rests_where_the_way_there_left_it() {
     let (k, step) = ([0.4, 0.1], 1e-4);
-    let (mut x, mut dx) = ([0.0; 3], [0.0; 3]);
-    let way = [0.0f64, 0.6, 0.42, 0.55];
+    let (mut x, mut dx) = ([0.0; 4], [0.0; 4]);
+    let way = [0.0f64, 1.2, 1.02, 1.15];
     for leg in way.windows(2) {
         let w = (leg[1] - leg[0]).signum();
         for _ in 0..((leg[1] - leg[0]).abs() / step).round() as usize {
             torque(&StickSlip, &k, (0.0, w), &x, &mut dx);
-            x = [0, 1, 2].map(|i| x[i] + step * dx[i]);
+            x = [0, 1, 2, 3].map(|i| x[i] + step * dx[i]);
             assert!(x.iter().all(|z| z.abs() <= 1.0), "{x:?}");
         }
-        if leg[1] == 0.6 {
+        if leg[1] == 1.2 {
             assert!(x.iter().all(|z| *z > 0.98), "after twice the longest way: {x:?}");
-            let held = 0.3 * x[0] + 0.4 * x[1] + 0.3 * x[2];
+            let held = 0.2 * x[0] + 0.3 * x[1] + 0.3 * x[2] + 0.2 * x[3];
             alike(torque(&StickSlip, &k, (0.0, 0.0), &x, &mut dx), -k[0] * held);
-            assert_eq!(dx, [0.0; 3], "nothing relaxes while the lever stands");
+            assert_eq!(dx, [0.0; 4], "nothing relaxes while the lever stands");
         }
     }
-    let rest = Rest { arrival: Arrival::Led(&way), angle_rad: 0.55, ..still([2.0; 2]) };
-    let mut led = [7.0; 3];
+    let rest = Rest { arrival: Arrival::Led(&way), angle_rad: 1.15, ..still([2.0; 2]) };
+    let mut led = [7.0; 4];
     StickSlip.rest(&k, &rest, &mut led);
     assert!(led.iter().zip(x).all(|(a, b)| (a - b).abs() < 0.02), "{led:?} for {x:?}");
 }
