@@ -117,3 +117,31 @@ fn needed_run(parameter: usize) -> &'static str {
         _ => "constant-flow strokes from slow to fast would determine it",
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::common::{dynamic, problem};
+
+    #[test]
+    fn what_a_misfit_has_led_astray_is_determined_where_the_separate_fits_are() {
+        let truth = Parameters::example();
+        let problem = problem(&[7, 8, 9].map(|seed| dynamic(&truth, None, 20.0, seed)));
+        let layout = Layout::base(&truth);
+        // a capacity that hardly depends on pressure says nothing of how it would
+        let mut astray = truth;
+        (astray.capacity.h1, astray.capacity.h3) = (1e-6, 2.7);
+        let told = |component: &Parameters| {
+            let point = problem.point(layout.vector_of(&astray));
+            let pieces = problem.linearise(&layout, &point).unwrap();
+            let first = Fit { layout: layout.clone(), cost: problem.targets() as f64, point, converged: true };
+            determined(&problem, component, &first, &pieces)
+        };
+        let found = told(&truth);
+        assert!(!found.undetermined.contains_key(&index::H2), "{:?}", found.undetermined);
+        assert_eq!(found.lost, [index::H1, index::H2, index::H3, index::A1].into());
+        let nowhere = told(&astray);
+        assert!(nowhere.undetermined[&index::H2].contains("clamp-steps"), "{:?}", nowhere.undetermined);
+        assert!(nowhere.lost.is_empty());
+    }
+}
