@@ -120,6 +120,8 @@ pub struct Value {
     pub std: f64,
     /// Unit.
     pub unit: &'static str,
+    /// 95 % interval, Student's for the clusters of data that the standard error rests on; the whole physical range where the data tell nothing.
+    pub interval: [f64; 2],
 }
 
 /// A candidate.
@@ -228,12 +230,16 @@ pub(crate) fn finding(id: &'static str, diagnosis: &Diagnosis, added: &Added) ->
 }
 
 fn parameters(diagnosis: &Diagnosis, added: &Added) -> Vec<(&'static str, Value)> {
-    let known = added.effect.header().parameters.iter().zip(added.values.iter().zip(&added.std)).enumerate();
+    let known = added.effect.header().parameters.iter().zip(added.values.iter().zip(&added.known)).enumerate();
     known
         .filter(|(i, _)| !is_held(diagnosis, added, *i))
-        .map(|(_, (p, (value, std)))| {
-            let std = if std.is_finite() { *std } else { (p.upper - p.lower) / 12f64.sqrt() };
-            (p.name, Value { value: *value, std, unit: p.unit })
+        .map(|(_, (p, (&value, known)))| {
+            let (std, interval) = if known.std.is_finite() {
+                (known.std, [value - known.half_interval, value + known.half_interval])
+            } else {
+                ((p.upper - p.lower) / 12f64.sqrt(), [p.lower, p.upper])
+            };
+            (p.name, Value { value, std, unit: p.unit, interval })
         })
         .collect()
 }

@@ -91,10 +91,11 @@ pub fn fit_from(
         let normal = problem.normal(&pieces, layout.len(), &point);
         let active = pushed_out(&point.theta, &bounds, &normal.gradient, &normal.matrix);
         let enough = effort.promise * misfit(problem, cost);
+        let of_initial: f64 = normal.promised_by_initial().iter().sum();
         if enough.is_finite() {
             // of the whole step: a damped one promises little along a flat direction, however far its minimum is
             let whole = damped_step(&normal.matrix, &normal.gradient, &active, 1e-13);
-            if whole.is_some_and(|step| normal.gradient.dot(&step) < enough) {
+            if whole.is_some_and(|step| normal.gradient.dot(&step) + of_initial < enough) {
                 converged = true;
                 known = Some(pieces);
                 break;
@@ -103,6 +104,7 @@ pub fn fit_from(
         let mut ahead = effort.ahead;
         let (before, mut rejected) = (damping, 0);
         let mut held = active.clone();
+        let before_it = problem.cost_by_stretch(&pieces, &point);
         loop {
             let Some(step) = damped_step(&normal.matrix, &normal.gradient, &held, damping) else {
                 damping *= 10.0;
@@ -135,7 +137,15 @@ pub fn fit_from(
                 }
             }
             ahead = false;
-            let predicted = 2.0 * normal.gradient.dot(&step) - (step.transpose() * &normal.matrix * &step)[(0, 0)];
+            let predicted =
+                2.0 * normal.gradient.dot(&step) - (step.transpose() * &normal.matrix * &step)[(0, 0)] + of_initial;
+            let worth = enough.min(effort.tolerance * cost);
+            if trial_cost >= cost
+                && let Some(settled) = problem.settled(layout, (&point, &before_it), &trial, &normal, worth)
+            {
+                trial_cost = problem.cost(layout, &settled);
+                (trial, trial_pieces) = (settled, None);
+            }
             if trial_cost < cost {
                 let gain = (cost - trial_cost) / predicted.max(1e-300);
                 let relative = (cost - trial_cost) / cost;
@@ -161,7 +171,7 @@ pub fn fit_from(
             }
             damping *= growth;
             growth *= 2.0;
-            if predicted < enough.min(effort.tolerance * cost) || damping > 1e10 {
+            if predicted < worth || damping > 1e10 {
                 converged = true;
                 known = Some(pieces);
                 break 'outer;

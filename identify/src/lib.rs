@@ -40,6 +40,7 @@ pub mod refit;
 pub mod report;
 pub mod sandwich;
 pub mod score;
+mod settle;
 pub mod shapes;
 pub mod significance;
 pub mod simplify;

@@ -108,10 +108,18 @@ impl Problem {
 
     /// Weighted residuals, stretch by stretch.
     pub fn residuals(&self, layout: &Layout, point: &Point) -> Result<Vec<Vec<f64>>, SimulationError> {
-        self.each(|n| {
-            let y = self.plant.predict(&self.stretches[n], layout, &point.theta, &point.initial[n])?;
-            Ok(self.weigh(n, &y))
-        })
+        self.each(|n| self.residual_of(n, layout, &point.theta, &point.initial[n]))
+    }
+
+    /// Weighted residuals of one stretch.
+    pub(crate) fn residual_of(
+        &self,
+        n: usize,
+        layout: &Layout,
+        theta: &[f64],
+        initial: &Initial,
+    ) -> Result<Vec<f64>, SimulationError> {
+        Ok(self.weigh(n, &self.plant.predict(&self.stretches[n], layout, theta, initial)?))
     }
 
     /// What `of` says of every stretch, on all cores, the longest first so that none waits for it at the end.
@@ -148,15 +156,13 @@ impl Problem {
     }
 
     fn prior(&self, point: &Point) -> f64 {
-        let mut sum = 0.0;
-        for (s, initial) in self.stretches.iter().zip(&point.initial) {
-            for j in 0..initial.len() {
-                if s.initial_std[j] > 0.0 {
-                    sum += (initial[j] / s.initial_std[j]).powi(2);
-                }
-            }
-        }
-        sum
+        point.initial.iter().enumerate().map(|(n, initial)| self.prior_of(n, initial)).sum()
+    }
+
+    /// What a stretch's prior says of its initial values.
+    pub(crate) fn prior_of(&self, n: usize, initial: &Initial) -> f64 {
+        let known = initial.iter().zip(&self.stretches[n].initial_std).filter(|(_, std)| **std > 0.0);
+        known.map(|(value, std)| (value / std).powi(2)).sum()
     }
 
     /// [`Self::cost_of`] at a point; infinite where the model can't be simulated.
@@ -340,6 +346,11 @@ impl Normal {
             (0..count).map(|i| if std[i] > 0.0 { initial[i] / (std[i] * std[i]) } else { 0.0 }).collect();
         let prior = (0..columns).map(|j| (0..count).map(|i| pull[i] * taken[(i, j)]).sum()).collect();
         (rows, prior)
+    }
+
+    /// By stretch: what its initial values' own step promises to take off the cost.
+    pub(crate) fn promised_by_initial(&self) -> Vec<f64> {
+        self.eliminated.iter().map(|(inverse, _, own)| own.dot(&(inverse * own))).collect()
     }
 
     /// What the initial values do when the parameters move by `step`.

@@ -5,7 +5,7 @@ use model::integrate::SimulationError;
 use crate::fit::{Effort, Fit, fit};
 use crate::identification::standard_errors;
 use crate::problem::Problem;
-use crate::uncertainty::Uncertainty;
+use crate::uncertainty::{Known, Uncertainty};
 
 /// A size may go when its absence raises the cost by less than this many noise variances (per excess of the misfit).
 const WORTH: f64 = 12.0;
@@ -53,17 +53,19 @@ pub fn simplify(problem: &Problem, start: Fit) -> Result<Fit, SimulationError> {
     Ok(best)
 }
 
-/// Standard errors of a fit's entries, whatever sizes [`simplify`] holds at zero. The data do not ask for those, which is not to know that they are zero: what is
+/// What is known of a fit's entries, whatever sizes [`simplify`] holds at zero. The data do not ask for those, which is not to know that they are zero: what is
 /// known of the others goes with how well they are told from them (the zeros of two pressure sensors are known as a difference alone).
-pub fn errors_of_simplified(problem: &Problem, fit: &Fit) -> Result<Vec<f64>, SimulationError> {
+pub fn errors_of_simplified(problem: &Problem, fit: &Fit) -> Result<Vec<Known>, SimulationError> {
     let alone = Uncertainty::of(problem, fit)?;
     let open = released(fit);
     let beside = match open.layout.held.len() < fit.layout.held.len() {
         true => Some(Uncertainty::of(problem, &open)?),
         false => None,
     };
-    let std = |entry: usize| beside.iter().map(|b| b.of_entry(entry)).fold(alone.of_entry(entry), f64::max);
-    Ok((0..fit.layout.len()).map(std).collect())
+    let wider =
+        |a: Known, b: Known| Known { std: a.std.max(b.std), half_interval: a.half_interval.max(b.half_interval) };
+    let known = |entry: usize| beside.iter().map(|b| b.known(entry)).fold(alone.known(entry), wider);
+    Ok((0..fit.layout.len()).map(known).collect())
 }
 
 /// The fit with all sizes free.
@@ -102,9 +104,9 @@ mod tests {
         assert_eq!(free.len(), 1, "one of the two is enough");
         let off = (values[free[0]] - [zero1_bar, 0.0, 0.0][free[0]]).abs();
         let entry = first + free[0];
-        assert!(beside[entry] > 10.0 * alone.of_entry(entry), "alone it would be known as well as the difference");
-        assert!(off < 2.0 * beside[entry], "{values:?}, {off} and {} bar", beside[entry]);
+        assert!(beside[entry].std > 10.0 * alone.of_entry(entry), "alone it would be known as well as the difference");
+        assert!(off < beside[entry].half_interval, "{values:?}, {off} and {:?} bar", beside[entry]);
         let mut base = beside.iter().take(first).enumerate().filter(|(i, _)| !simple.layout.held.contains(i));
-        assert!(base.all(|(i, std)| *std >= alone.of_entry(i)), "nothing is known better for it");
+        assert!(base.all(|(i, known)| known.std >= alone.of_entry(i)), "nothing is known better for it");
     }
 }

@@ -22,6 +22,15 @@ pub struct Uncertainty {
     l4_slope: [f64; COUNT],
 }
 
+/// How well an entry of a fit is known, in its unit; not finite where the data say nothing of it.
+#[derive(Clone, Copy, Debug)]
+pub struct Known {
+    /// Standard error.
+    pub std: f64,
+    /// Half of the 95 % interval.
+    pub half_interval: f64,
+}
+
 impl Uncertainty {
     /// Of a fit at its end. Costs one linearisation of the problem.
     pub fn of(problem: &Problem, fit: &Fit) -> Result<Self, SimulationError> {
@@ -56,6 +65,12 @@ impl Uncertainty {
     /// Standard error of an entry of the fit, not finite where the data say nothing of it.
     pub fn of_entry(&self, entry: usize) -> f64 {
         self.covariance[(entry, entry)].sqrt()
+    }
+
+    /// The same with half of its 95 % interval, which is Student's for the clusters that the standard error rests on.
+    pub fn known(&self, entry: usize) -> Known {
+        let std = self.of_entry(entry);
+        Known { std, half_interval: t_975(self.freedom[entry]) * std }
     }
 
     /// Standard error of a plant parameter (position in [`NAMES`]); `None` where the data do not determine it, or where it is

@@ -14,6 +14,7 @@ use identify::fit::Fit;
 use identify::identification::{Characteristics, Identified};
 use identify::misfit::Part;
 use identify::prepare::Channel;
+use identify::uncertainty::Known;
 use identify::validate::{ValidatedRun, prepare_validation};
 use model::Parameters;
 use model::effects::empirical::EMPIRICAL;
@@ -22,7 +23,8 @@ use recordings::Role;
 
 fn added(id: &str, values: &[f64], std: &[f64]) -> Added {
     let effect = find(id).or_else(|| EMPIRICAL.iter().copied().find(|e| e.header().id == id)).unwrap();
-    Added { effect, probability: 0.98, equivalent: Vec::new(), values: values.to_vec(), std: std.to_vec() }
+    let known = std.iter().map(|&std| Known { std, half_interval: 2.0 * std }).collect();
+    Added { effect, probability: 0.98, equivalent: Vec::new(), values: values.to_vec(), known }
 }
 
 #[test]
@@ -47,6 +49,7 @@ fn findings_have_the_contract_s_keys_in_its_order() {
         "value",
         "std",
         "unit",
+        "interval",
         "d",
         "ranking",
         "balances",
@@ -67,6 +70,7 @@ fn findings_have_the_contract_s_keys_in_its_order() {
     assert_eq!(json["format"], 1);
     assert_eq!(json["effects"][0]["parameters"]["k"]["unit"], "ml/(s sqrt(bar))");
     assert_eq!(json["effects"][0]["parameters"]["k"]["std"], 0.004);
+    assert_eq!(json["effects"][0]["parameters"]["k"]["interval"], serde_json::json!([0.12 - 0.008, 0.12 + 0.008]));
     let shape = json["effects"][0]["parameters"]["d"]["std"].as_f64().expect("no null where a number belongs");
     assert!(shape.is_finite() && shape > 0.0);
     assert!(json["next_experiment"].is_null());

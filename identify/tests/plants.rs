@@ -147,7 +147,7 @@ fn an_oscillator_with_a_hardening_spring_and_an_offset_is_told_as_such() {
     let value = |id: &str| {
         let a =
             found.effects.iter().find(|a| a.effect.header().id == id).unwrap_or_else(|| panic!("{id} is not found"));
-        (a.values[0], a.std[0])
+        (a.values[0], a.known[0].std)
     };
     let (cubic, std) = value("cubic_stiffness");
     assert!((cubic - 3.9).abs() < 0.03 * 3.9 + 4.0 * std, "{cubic} +- {std}");

@@ -73,6 +73,9 @@ pub struct Figures {
     pub balances: Vec<(String, f64)>,
     /// Values of what was added: `id.name`, value, standard error.
     pub values: Vec<(String, f64, Option<f64>)>,
+    /// Their 95 % intervals, those of them that are known: `id.name`, from, to. Files of before 2026-11-29 have none.
+    #[serde(default)]
+    pub intervals: Vec<(String, f64, f64)>,
     /// What the diagnosis said on its way.
     pub way: Vec<String>,
 }

@@ -215,6 +215,7 @@ pub fn seen(cases: &[Case]) -> Vec<(&'static str, Share)> {
 }
 
 /// How often the 95 % interval of a parameter holds its true value: of effects that are named right, act in the library's own form and are found in it.
+/// Where a file has standard errors alone the interval is the one that they would give of as many data as one likes.
 pub fn covered(cases: &[Case]) -> Share {
     const Z: f64 = 1.959_963_985;
     let mut share = Share { hits: 0, of: 0 };
@@ -226,8 +227,10 @@ pub fn covered(cases: &[Case]) -> Share {
                 if let Some((_, value, Some(std))) = found
                     && *std > 0.0
                 {
+                    let interval = case.figures.intervals.iter().find(|(name, _, _)| *name == own);
+                    let (from, to) = interval.map_or((value - Z * std, value + Z * std), |(_, from, to)| (*from, *to));
                     share.of += 1;
-                    share.hits += usize::from((value - truth).abs() <= Z * std);
+                    share.hits += usize::from(from <= *truth && *truth <= to);
                 }
             }
         }
@@ -243,22 +246,26 @@ mod tests {
 
     #[test]
     fn an_interval_counts_where_the_effect_has_the_form_that_it_was_given() {
-        let of = |form: &str, value: f64, std: Option<f64>| {
+        let of = |form: &str, value: f64, std: Option<f64>, half: Option<f64>| {
             let mut acting = acting("tilt", 5.0, 1.0);
             acting.form = form.to_owned();
             acting.parameters.insert("c".to_owned(), 1.0);
             let values = vec![("tilt.c".to_owned(), value, std)];
-            let figures = Figures { values, ..Figures::default() };
+            let intervals = half.map(|h| ("tilt.c".to_owned(), value - h, value + h)).into_iter().collect();
+            let figures = Figures { values, intervals, ..Figures::default() };
             Case { outcome: Outcome::Right, ..case(vec![acting], &["tilt"], figures) }
         };
         let cases = [
-            of("tilt", 1.1, Some(0.06)),
-            of("tilt", 1.1, Some(0.04)),
-            of("another", 1.1, Some(0.04)),
+            of("tilt", 1.1, Some(0.06), None),
+            of("tilt", 1.1, Some(0.04), None),
+            of("another", 1.1, Some(0.04), None),
             // a shape that was held
-            of("tilt", 1.1, None),
+            of("tilt", 1.1, None, None),
+            // few data: Student's interval
+            of("tilt", 1.1, Some(0.04), Some(0.11)),
+            of("tilt", 1.1, Some(0.04), Some(0.09)),
         ];
-        assert_eq!(covered(&cases), Share { hits: 1, of: 2 });
+        assert_eq!(covered(&cases), Share { hits: 2, of: 4 });
     }
 
     #[test]

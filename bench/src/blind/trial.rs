@@ -212,6 +212,7 @@ fn fill(out: &mut Case, Sealed { truth, recorded, without }: &Sealed) -> Result<
     out.figures.ranking = diagnosis.ranking.iter().map(|r| (r.id.clone(), r.probability)).collect();
     out.figures.balances = diagnosis.balances.iter().map(|(b, p)| (b.as_str().to_owned(), *p)).collect();
     out.figures.values = values_of(&diagnosis);
+    out.figures.intervals = intervals_of(&diagnosis);
     let after = yardstick.errors(&diagnosis.after);
     if let Ok(after) = &after {
         out.figures.after = Some(most(after));
@@ -302,8 +303,21 @@ fn said(diagnosis: &Diagnosis) -> Said {
 fn values_of(diagnosis: &Diagnosis) -> Vec<(String, f64, Option<f64>)> {
     let each = diagnosis.effects.iter().flat_map(|a| {
         let header = a.effect.header();
-        let known = header.parameters.iter().zip(a.values.iter().zip(&a.std));
-        known.map(move |(p, (v, s))| (format!("{}.{}", header.id, p.name), *v, Some(*s).filter(|s| s.is_finite())))
+        let known = header.parameters.iter().zip(a.values.iter().zip(&a.known));
+        known.map(move |(p, (v, known))| {
+            (format!("{}.{}", header.id, p.name), *v, Some(known.std).filter(|s| s.is_finite()))
+        })
+    });
+    each.collect()
+}
+
+fn intervals_of(diagnosis: &Diagnosis) -> Vec<(String, f64, f64)> {
+    let each = diagnosis.effects.iter().flat_map(|a| {
+        let header = a.effect.header();
+        let known = header.parameters.iter().zip(a.values.iter().zip(&a.known));
+        let known =
+            known.map(|(p, (v, known))| (p.name, *v, known.half_interval)).filter(|(_, _, half)| half.is_finite());
+        known.map(move |(name, v, half)| (format!("{}.{name}", header.id), v - half, v + half))
     });
     each.collect()
 }

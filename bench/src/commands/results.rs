@@ -10,7 +10,7 @@ use crate::setup::Knowledge;
 use crate::simulation::effects_of;
 use identify::analysis::{Analysis, Depth, WriteError, analyse_from, write_whole};
 use identify::declared::Declared;
-use identify::figures::text::number;
+use identify::figures::text::{between, number};
 use identify::identification::{IdentifyError, Loaded};
 use identify::torque_form::TorqueForm;
 use model::ModelFile;
@@ -202,12 +202,16 @@ pub fn summary(analysis: &Analysis) -> Vec<String> {
     if let Some(findings) = &analysis.findings
         && !findings.effects.is_empty()
     {
-        let mut rows =
-            vec![["effect", "balance", "parameter", "value", "std. error", "unit"].map(String::from).to_vec()];
+        let mut rows = vec![
+            ["effect", "balance", "parameter", "value", "std. error", "95 % interval", "unit"]
+                .map(String::from)
+                .to_vec(),
+        ];
         for effect in &findings.effects {
             rows.extend(effect.parameters.0.iter().map(|(name, v)| {
                 let (id, balance) = (effect.id.to_string(), effect.balance.to_string());
-                vec![id, balance, name.to_string(), number(v.value, 4), number(v.std, 2), v.unit.to_string()]
+                let known = between(v.interval, v.std);
+                vec![id, balance, name.to_string(), number(v.value, 4), number(v.std, 2), known, v.unit.to_string()]
             }));
         }
         out.push(String::new());

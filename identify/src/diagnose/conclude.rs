@@ -7,8 +7,10 @@ use super::nameless::{BEYOND_NOISE, is_certain};
 use super::round::Round;
 use super::search::{Found, Name, Search, Step};
 use super::{Added, CONSISTENT, DISAGREE, Diagnosis, EXPLAINED, GROSS, MATERIAL, MOST_EFFECTS, SUBSTANTIAL, Verdict};
-use crate::fit::Fit;
+use crate::fit::{Fit, fit};
+use crate::identification::polish;
 use crate::misfit::{self, Part};
+use crate::problem::Problem;
 use crate::simplify::{errors_of_simplified, simplify};
 
 impl Search<'_> {
@@ -101,6 +103,7 @@ impl Search<'_> {
             (None, Some(n)) => {
                 let mut step = self.in_best_form(found.steps[n].clone())?;
                 step.fit = simplify(self.problem, step.fit)?;
+                step.fit = polished(self.problem, step.fit);
                 step.residual = self.problem.residuals(&step.fit.layout, &step.fit.point)?;
                 let tie = step.next_experiment().is_some();
                 let names = step.names.clone();
@@ -142,7 +145,7 @@ impl Search<'_> {
         if names.is_empty() {
             return Ok(Vec::new());
         }
-        let std = errors_of_simplified(self.problem, fit)?;
+        let known = errors_of_simplified(self.problem, fit)?;
         Ok(names
             .iter()
             .map(|name| {
@@ -157,10 +160,21 @@ impl Search<'_> {
                     probability: name.probability,
                     equivalent: name.equivalent.clone(),
                     values: fit.point.theta[entries.clone()].to_vec(),
-                    std: std[entries].to_vec(),
+                    known: known[entries].to_vec(),
                 }
             })
             .collect())
+    }
+}
+
+/// At its minimum, along flat directions as well: comparing candidates ends where the cost hardly falls, which may be standard errors away along those.
+fn polished(problem: &Problem, reached: Fit) -> Fit {
+    match fit(problem, &reached.layout, reached.point.clone(), polish()) {
+        Ok(fit) if fit.cost < reached.cost => {
+            tracing::info!(from = reached.cost, to = fit.cost, converged = fit.converged, "polished");
+            fit
+        }
+        _ => reached,
     }
 }
 

@@ -24,6 +24,7 @@ use crate::fit::Fit;
 use crate::identification::Identified;
 use crate::misfit::{self, MATERIAL, Part};
 use crate::problem::Problem;
+use crate::uncertainty::Known;
 use round::Round;
 use search::Search;
 
@@ -72,8 +73,8 @@ pub struct Added {
     pub equivalent: Vec<String>,
     /// Values in the order of the effect's header.
     pub values: Vec<f64>,
-    /// Their standard errors.
-    pub std: Vec<f64>,
+    /// How well each is known.
+    pub known: Vec<Known>,
 }
 
 /// The result.

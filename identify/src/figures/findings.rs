@@ -6,6 +6,7 @@ use crate::figures::text::{chance, interval, measured, number};
 use crate::figures::{Subject, section, summary};
 use crate::findings::{is_held, ranking};
 use crate::misfit;
+use crate::uncertainty::Known;
 
 pub(super) fn headline(subject: &Subject) -> Vec<String> {
     let mut out = vec![match subject.diagnosis {
@@ -166,7 +167,9 @@ fn effects(d: &Diagnosis) -> Table {
     for a in &d.effects {
         let header = a.effect.header();
         for (i, p) in header.parameters.iter().enumerate() {
-            let (Some(&value), Some(&std)) = (a.values.get(i), a.std.get(i)) else { continue };
+            let (Some(&value), Some(&Known { std, half_interval })) = (a.values.get(i), a.known.get(i)) else {
+                continue;
+            };
             let (first, held) = (i == 0, is_held(d, a, i));
             let head = |text: String| if first { text } else { String::new() };
             rows.push(vec![
@@ -176,7 +179,7 @@ fn effects(d: &Diagnosis) -> Table {
                 p.name.to_string(),
                 measured(value, std),
                 if held { "not needed".into() } else { number(std, 2) },
-                if held { String::new() } else { interval(value, std, 1.96 * std) },
+                if held { String::new() } else { interval(value, std, half_interval) },
                 p.unit.to_string(),
             ]);
         }

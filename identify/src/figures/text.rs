@@ -32,11 +32,12 @@ pub fn chance(p: f64) -> String {
 
 /// A 95 % interval, `half` to either side, as exactly as the standard error allows.
 pub fn interval(value: f64, std: f64, half: f64) -> String {
-    if half.is_finite() {
-        format!("{} .. {}", measured(value - half, std), measured(value + half, std))
-    } else {
-        "-".into()
-    }
+    if half.is_finite() { between([value - half, value + half], std) } else { "-".into() }
+}
+
+/// An interval by its ends, as exactly as the standard error allows.
+pub fn between([from, to]: [f64; 2], std: f64) -> String {
+    format!("{} .. {}", measured(from, std), measured(to, std))
 }
 
 /// The run's file without what says its format.

@@ -265,7 +265,7 @@ fn complete_classes(
                     probability: diagnosis.effects[n].probability,
                     equivalent,
                     values: Vec::new(),
-                    std: Vec::new(),
+                    known: Vec::new(),
                 });
             }
         }
@@ -307,7 +307,7 @@ fn keep_what_beats_surrogates(
         if let Some(n) = layout.effects.iter().position(|e| e.header().id == id) {
             let own = layout.first_of(n)..layout.first_of(n) + a.effect.header().parameters.len();
             a.values = diagnosis.after.point.theta[own.clone()].to_vec();
-            a.std = own.map(|i| uncertainty.of_entry(i)).collect();
+            a.known = own.map(|i| uncertainty.known(i)).collect();
         }
     }
     Ok(())

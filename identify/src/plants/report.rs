@@ -3,7 +3,7 @@
 use super::analysis::{Error, PlantAnalysis};
 use crate::diagnose::Verdict;
 use crate::figure::{Figure, Mark, Series, Table};
-use crate::figures::text::number;
+use crate::figures::text::{between, number};
 use crate::fit::Fit;
 
 /// The verdict in a sentence, then key facts, one a line.
@@ -83,6 +83,7 @@ pub fn tables(a: &PlantAnalysis) -> Vec<Table> {
                 name.to_string(),
                 number(v.value, 4),
                 number(v.std, 2),
+                between(v.interval, v.std),
                 v.unit.to_string(),
                 if e.equivalent.is_empty() { "-".to_string() } else { e.equivalent.join(", ") },
             ]
@@ -117,7 +118,7 @@ pub fn tables(a: &PlantAnalysis) -> Vec<Table> {
                       the sensitivities or by a refit in its place. Units are those of the effect's port; rad, rad/s and Nm stand for \
                       the plant's own position, speed and force."
                 .into(),
-            columns: text(&["effect", "balance", "parameter", "value", "std. error", "unit", "class"]),
+            columns: text(&["effect", "balance", "parameter", "value", "std. error", "95 % interval", "unit", "class"]),
             rows: effects.collect(),
         },
         Table {

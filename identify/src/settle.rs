@@ -1,0 +1,134 @@
+//! Initial values of single stretches that must not hold up a fit.
+//!
+//! Given the parameters the stretches know nothing of each other, so the initial values of each go their own way. Their whole step may overshoot:
+//! two pressures that level out through an open valve tell little of their difference but its sign (flow by the root of it), and one such
+//! stretch of a dozen targets would have every step of all parameters refused.
+
+use rayon::prelude::*;
+
+use crate::layout::Layout;
+use crate::predict::Initial;
+use crate::problem::{Normal, Piece, Point, Problem};
+
+/// Shares of a stretch's own step that are tried where none of it is better than all of it.
+const SHARES: [f64; 4] = [0.5, 0.25, 0.125, 0.03125];
+
+impl Problem {
+    /// By stretch: weighted sum of squares with what the initial values' prior says.
+    pub(crate) fn cost_by_stretch(&self, pieces: &[Piece], point: &Point) -> Vec<f64> {
+        let own = |(n, piece): (usize, &Piece)| {
+            piece.residual.iter().map(|r| r * r).sum::<f64>() + self.prior_of(n, &point.initial[n])
+        };
+        pieces.iter().enumerate().map(own).collect()
+    }
+
+    /// A stretch's part of the cost; infinite where it can't be simulated.
+    fn cost_of_stretch(&self, n: usize, layout: &Layout, theta: &[f64], initial: &Initial) -> f64 {
+        match self.residual_of(n, layout, theta, initial) {
+            Ok(residual) => {
+                let cost = residual.iter().map(|r| r * r).sum::<f64>() + self.prior_of(n, initial);
+                if cost.is_finite() { cost } else { f64::INFINITY }
+            }
+            Err(_) => f64::INFINITY,
+        }
+    }
+
+    /// `trial`, a step from `from`, with shorter steps of those stretches' initial values that have spoilt it: whose whole step has promised more than
+    /// `worth` and made the stretch's cost larger than it was (`before`), and without which it is less. `None` where there is none.
+    pub(crate) fn settled(
+        &self,
+        layout: &Layout,
+        (from, before): (&Point, &[f64]),
+        trial: &Point,
+        normal: &Normal,
+        worth: f64,
+    ) -> Option<Point> {
+        let own = |n: usize, initial: &Initial| self.cost_of_stretch(n, layout, &trial.theta, initial);
+        let promised = normal.promised_by_initial();
+        let shorter: Vec<(usize, Initial)> = (0..self.stretches.len())
+            .into_par_iter()
+            .filter(|&n| promised[n] > worth)
+            .filter_map(|n| {
+                let (start, end) = (&from.initial[n], &trial.initial[n]);
+                let whole = own(n, end);
+                let mut best = (own(n, start), start.clone());
+                if whole <= before[n] || best.0 >= whole {
+                    return None;
+                }
+                for share in SHARES {
+                    let part: Initial = start.iter().zip(end).map(|(a, b)| a + share * (b - a)).collect();
+                    let cost = own(n, &part);
+                    if cost < best.0 {
+                        best = (cost, part);
+                    }
+                }
+                Some((n, best.1))
+            })
+            .collect();
+        if shorter.is_empty() {
+            return None;
+        }
+        let mut out = trial.clone();
+        for (n, initial) in shorter {
+            out.initial[n] = initial;
+        }
+        Some(out)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use model::Parameters;
+    use model::effects::EffectSet;
+    use model::rec::{self, Circuit, Input, Lever, STATES, state};
+    use recordings::{Plane, Protocol, Recording};
+
+    use crate::common::{dynamic, layout, problem};
+    use crate::fit::{Effort, fit};
+    use crate::prepare::{Stand, Stretch, stretches};
+
+    /// A clamped lever at rest, the chambers joined through the open bypass.
+    fn joined(truth: &Parameters) -> Stretch {
+        const PRESSURE_BAR: f64 = 3.0;
+        let effects = EffectSet::new(STATES, []);
+        let mut x = vec![0.0; STATES];
+        (x[state::ANGLE], x[state::PRESSURE1], x[state::PRESSURE2]) = (-0.35, PRESSURE_BAR, PRESSURE_BAR);
+        let lever = Lever::Led { velocity_rad_s: 0.0 };
+        let (voltage_v, brake_open, bypass_open, vertical) = (0.0, true, true, false);
+        let input = Input { voltage_v, brake_open, bypass_open, vertical, lever, circuit: Circuit::Pump };
+        let torque_nm = rec::derivative(&input, &truth.to_vector(), &effects, 0.0, &x, &mut x.clone()).torque_nm;
+        let mut r = Recording::default();
+        for i in 0..100 {
+            r.time_s.push(f64::from(i) * 0.01);
+            r.voltage_v.push(voltage_v);
+            r.angle_deg.push(x[state::ANGLE].to_degrees());
+            r.pressure1_bar.push(PRESSURE_BAR);
+            r.pressure2_bar.push(PRESSURE_BAR);
+            r.torque_nm.push(torque_nm);
+            r.volume_ml.push(f64::NAN);
+            r.brake_open.push(brake_open);
+            r.bypass_open.push(bypass_open);
+            r.segment.push(0);
+        }
+        let mut cut = stretches(1, "clamp.csv", Protocol::ClampSteps, Plane::Horizontal, &r).unwrap();
+        assert!(cut.len() == 1 && cut[0].stand == Stand::Led && !cut[0].targets.is_empty());
+        cut.remove(0)
+    }
+
+    #[test]
+    fn one_stretch_whose_pressures_level_out_holds_up_no_fit() {
+        let truth = Parameters::example();
+        let mut problem = problem(&[dynamic(&truth, None, 12.0, 7)]);
+        problem.stretches.push(joined(&truth));
+        problem.std.push(problem.std[0].clone());
+        problem.steps.push(problem.steps[0].clone());
+        let layout = layout(&truth);
+        let mut start = problem.point(layout.vector_of(&truth));
+        start.theta[1] *= 1.02;
+        *start.initial.last_mut().unwrap() = vec![0.0, 0.11, -0.22];
+        for effort in [Effort::default(), crate::identification::polish()] {
+            let fit = fit(&problem, &layout, start.clone(), effort).unwrap();
+            assert!(fit.cost < 1.1 * problem.targets() as f64, "{} of {}", fit.cost, problem.targets());
+        }
+    }
+}
