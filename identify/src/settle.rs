@@ -110,7 +110,7 @@ mod tests {
             r.bypass_open.push(bypass_open);
             r.segment.push(0);
         }
-        let mut cut = stretches(1, "clamp.csv", Protocol::ClampSteps, Plane::Horizontal, &r).unwrap();
+        let mut cut = stretches(1, "torque.csv", Protocol::TorqueMap, Plane::Horizontal, &r).unwrap();
         assert!(cut.len() == 1 && cut[0].stand == Stand::Led && !cut[0].targets.is_empty());
         cut.remove(0)
     }
