@@ -137,8 +137,8 @@ pub fn fit_from(
                 }
             }
             ahead = false;
-            let predicted =
-                2.0 * normal.gradient.dot(&step) - (step.transpose() * &normal.matrix * &step)[(0, 0)] + of_initial;
+            // of the parameters' step; the initial values' own is not damped, and says nothing of the damping
+            let predicted = 2.0 * normal.gradient.dot(&step) - (step.transpose() * &normal.matrix * &step)[(0, 0)];
             let worth = enough.min(effort.tolerance * cost);
             if trial_cost >= cost
                 && let Some(settled) = problem.settled(layout, (&point, &before_it), &trial, &normal, worth)
@@ -171,7 +171,7 @@ pub fn fit_from(
             }
             damping *= growth;
             growth *= 2.0;
-            if predicted < worth || damping > 1e10 {
+            if predicted + of_initial < worth || damping > 1e10 {
                 converged = true;
                 known = Some(pieces);
                 break 'outer;

@@ -34,7 +34,7 @@ impl Problem {
     }
 
     /// `trial`, a step from `from`, with shorter steps of those stretches' initial values that have spoilt it: whose whole step has promised more than
-    /// `worth` and made the stretch's cost larger than it was (`before`), and without which it is less. `None` where there is none.
+    /// `worth` and made the stretch's cost larger than it was (`before`), and a shorter one of which makes it less. `None` where there is none.
     pub(crate) fn settled(
         &self,
         layout: &Layout,
@@ -62,7 +62,7 @@ impl Problem {
                         best = (cost, part);
                     }
                 }
-                Some((n, best.1))
+                (best.0 < before[n]).then_some((n, best.1))
             })
             .collect();
         if shorter.is_empty() {
