@@ -5,7 +5,7 @@ use super::results::aligned;
 use crate::blind::case::Case;
 use crate::blind::plan::{Kind, plan};
 use crate::blind::store::{Store, of_files};
-use crate::blind::table::{Target, confusion, covered, seen, targets};
+use crate::blind::table::{Target, at_the_minimum, confusion, covered, seen, targets};
 use crate::blind::times::times;
 use crate::blind::trial::{DIAGNOSIS, trial};
 use crate::failure::{self, Failure};
@@ -109,6 +109,7 @@ fn tables(cases: &[Case], progress: &Progress) -> Vec<Target> {
     progress.result("of those, the ones whose effects leave a noise floor or more in the runs that may be fitted:");
     seen(cases).iter().for_each(|(what, share)| progress.result(&format!("{what:44} {share}")));
     progress.result(&format!("{:44} {}", "parameters: 95 % interval holds the truth", covered(cases)));
+    progress.result(&format!("{:44} {}", "fits as low as from the true values on", at_the_minimum(cases)));
     progress.result("");
     aligned(&times(cases)).iter().for_each(|line| progress.result(line));
     targets
