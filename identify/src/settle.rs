@@ -10,27 +10,24 @@ use crate::layout::Layout;
 use crate::predict::Initial;
 use crate::problem::{Normal, Piece, Point, Problem};
 
-/// Shares of a stretch's own step that are tried where none of it is better than all of it.
+/// Shares of the step of a stretch's initial values (their own, and what follows from the parameters' step) that are tried where none of it is better than all of it.
 const SHARES: [f64; 4] = [0.5, 0.25, 0.125, 0.03125];
 
 impl Problem {
     /// By stretch: weighted sum of squares with what the initial values' prior says.
     pub(crate) fn cost_by_stretch(&self, pieces: &[Piece], point: &Point) -> Vec<f64> {
-        let own = |(n, piece): (usize, &Piece)| {
-            piece.residual.iter().map(|r| r * r).sum::<f64>() + self.prior_of(n, &point.initial[n])
-        };
-        pieces.iter().enumerate().map(own).collect()
+        pieces.iter().enumerate().map(|(n, piece)| self.cost_with(n, &piece.residual, &point.initial[n])).collect()
+    }
+
+    fn cost_with(&self, n: usize, residual: &[f64], initial: &Initial) -> f64 {
+        residual.iter().map(|r| r * r).sum::<f64>() + self.prior_of(n, initial)
     }
 
     /// A stretch's part of the cost; infinite where it can't be simulated.
     fn cost_of_stretch(&self, n: usize, layout: &Layout, theta: &[f64], initial: &Initial) -> f64 {
-        match self.residual_of(n, layout, theta, initial) {
-            Ok(residual) => {
-                let cost = residual.iter().map(|r| r * r).sum::<f64>() + self.prior_of(n, initial);
-                if cost.is_finite() { cost } else { f64::INFINITY }
-            }
-            Err(_) => f64::INFINITY,
-        }
+        let residual = self.residual_of(n, layout, theta, initial);
+        let cost = residual.map_or(f64::INFINITY, |residual| self.cost_with(n, &residual, initial));
+        if cost.is_finite() { cost } else { f64::INFINITY }
     }
 
     /// `trial`, a step from `from`, with shorter steps of those stretches' initial values that have spoilt it: whose whole step has promised more than

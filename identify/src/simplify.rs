@@ -106,6 +106,8 @@ mod tests {
         let entry = first + free[0];
         assert!(beside[entry].std > 10.0 * alone.of_entry(entry), "alone it would be known as well as the difference");
         assert!(off < beside[entry].half_interval, "{values:?}, {off} and {:?} bar", beside[entry]);
+        let student = beside[entry].half_interval / beside[entry].std;
+        assert!(student > 1.96 && student < 3.2, "half an interval is {student} standard errors");
         let mut base = beside.iter().take(first).enumerate().filter(|(i, _)| !simple.layout.held.contains(i));
         assert!(base.all(|(i, known)| known.std >= alone.of_entry(i)), "nothing is known better for it");
     }

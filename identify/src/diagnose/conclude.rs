@@ -353,4 +353,21 @@ mod tests {
         assert_eq!(enough(2, true, 0.05, 0.001), None, "what they leave does not matter");
         assert_eq!(enough(2, true, 0.6, 0.00006), None, "nothing of one balance is imitated so well");
     }
+
+    #[test]
+    fn a_fit_that_was_left_along_a_flat_direction_is_brought_to_its_minimum() {
+        let truth = model::Parameters::example();
+        let (problem, layout) =
+            (crate::common::problem(&[crate::common::dynamic(&truth, None, 12.0, 7)]), crate::common::layout(&truth));
+        let at = problem.point(layout.vector_of(&truth));
+        let least = fit(&problem, &layout, at, polish()).unwrap();
+        let std = crate::identification::standard_errors(&problem, &least).unwrap();
+        let mut point = least.point.clone();
+        point.theta[1] += 3.0 * std[1];
+        let left = Fit { cost: problem.cost(&layout, &point), point, ..least.clone() };
+        assert!(left.cost > least.cost + 1.0, "{} and {}", left.cost, least.cost);
+        assert!(polished(&problem, left).cost < least.cost + 0.1);
+        let again = polished(&problem, least.clone()).cost;
+        assert!(again <= least.cost && least.cost - again < 0.01, "{again} below the minimum of {}", least.cost);
+    }
 }
