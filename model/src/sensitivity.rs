@@ -5,17 +5,15 @@ use multiversion::multiversion;
 use crate::effects::EffectSet;
 use crate::integrate::{FEW_STATES, MOST_STATES};
 use crate::near::Exact;
-use crate::port::PortKind;
-use crate::rec::{self, Input, Lever};
+use crate::rec::{self, Input};
 use crate::scalar::{LANES, Scalar, Tangent};
-use crate::step::rests;
 
 /// Derivatives of the states with respect to chosen parameters, carried along a simulated trajectory.
 ///
 /// The variational equation S' = A S + B is taken at the middle of a step, with A and B from dual numbers, and advanced by
 /// its exponential: second order in the step, stable where the plant is. A and B change as slowly as the state does between kinks,
-/// so two steps in a row on one branch under one input share those of their middle, four where the lever is led or rests. Effects
-/// on the oil keep that to two; those that push the lever may have kinks of their own, which nobody tells.
+/// so steps in a row on one branch under one input share those of their middle where the equations are straight between their states: the slope in the
+/// middle is then the mean of those at the ends. Kinks and steep places of effects, which no branch tells, show in that as well.
 pub struct Sensitivity {
     states: usize,
     columns: usize,
@@ -23,13 +21,19 @@ pub struct Sensitivity {
     s: Vec<f64>,
     next: Vec<f64>,
     shared: Option<Shared>,
+    /// A, of what is shared.
+    a: [[f64; MOST_STATES]; MOST_STATES],
     /// exp(A dt) and its integral times B, of what is shared.
     transition: [[f64; MOST_STATES]; MOST_STATES],
     drive: Vec<f64>,
 }
 
-/// Longest time over which A and B hold while the lever creeps, s.
-const CREEP_S: f64 = 1e-3;
+/// Most steps that share A and B.
+const MOST_SHARED: f64 = 8.0;
+/// Over those, slopes bend by at most this share of what A alone changes them by.
+const BEND: f64 = 0.001;
+/// Of a slope: what summing leaves of nothing.
+const ROUNDING: f64 = 1e-9;
 
 /// Under both inputs A and B are as good as the same.
 fn alike(a: &Input, b: &Input) -> bool {
@@ -43,6 +47,7 @@ struct Shared {
     dt: f64,
     until_s: f64,
     branches: u32,
+    steps: f64,
 }
 
 impl Sensitivity {
@@ -55,6 +60,7 @@ impl Sensitivity {
             s: empty.clone(),
             next: empty.clone(),
             shared: None,
+            a: [[0.0; MOST_STATES]; MOST_STATES],
             transition: [[0.0; MOST_STATES]; MOST_STATES],
             drive: empty,
         }
@@ -87,25 +93,9 @@ impl Sensitivity {
             s.branches == branches && t < s.until_s && (s.dt - dt).abs() < 1e-9 * dt && alike(&s.input, input)
         });
         if !kept {
-            let slope = seeds.slope(input, t, middle);
-            let steps = match input.lever {
-                Lever::Led { .. } | Lever::Carried => 4.0,
-                Lever::Free if !rec::creeps(input, branches) => 2.0,
-                Lever::Free if rests(&seeds.values, &seeds.with_effects, &slope, dt) => 4.0,
-                // near zero velocity the losses are fast, and the steps short
-                Lever::Free => (CREEP_S / dt + 1e-6).floor().clamp(1.0, 4.0),
-            };
-            let steps = f64::min(steps, seeds.most_steps());
-            let ahead_s = 0.5 * (steps - 1.0) * dt;
-            let n = middle.len();
-            let ahead: [f64; MOST_STATES] =
-                std::array::from_fn(|i| if i < n { middle[i] + ahead_s * slope[i] } else { 0.0 });
-            let ahead = (steps > 1.0).then_some(ahead);
-            match ahead.filter(|x| seeds.branches(input, t, &x[..n]) == branches) {
-                Some(x) => self.linearise(seeds, input, t + ahead_s, dt, &x[..n]),
-                None => self.linearise(seeds, input, t, dt, middle),
-            }
-            self.shared = Some(Shared { input: *input, dt, until_s: t + (steps - 0.5) * dt, branches });
+            let (steps, centre) = self.straight(seeds, input, t, dt, middle, branches);
+            self.linearise(seeds, input, t + 0.5 * (steps - 1.0) * dt, dt, &centre[..middle.len()]);
+            self.shared = Some(Shared { input: *input, dt, until_s: t + (steps - 0.5) * dt, branches, steps });
         }
         let (n, m) = (self.states, self.columns);
         self.next.copy_from_slice(&self.drive);
@@ -121,6 +111,45 @@ impl Sensitivity {
             }
         }
         std::mem::swap(&mut self.s, &mut self.next);
+    }
+
+    /// How many steps from this one on may share A and B, and the state in the middle of them all, by the slope in the middle of the first: as many as the
+    /// equations are straight over, as they stand on the way from the first one's middle to the last one's. At most twice as many as the last time.
+    #[inline(always)]
+    fn straight(
+        &self,
+        seeds: &Seeds,
+        input: &Input,
+        t: f64,
+        dt: f64,
+        middle: &[f64],
+        branches: u32,
+    ) -> (f64, [f64; MOST_STATES]) {
+        let n = middle.len();
+        let slope = seeds.slope(input, t, middle);
+        let ahead = |by_s: f64| -> [f64; MOST_STATES] {
+            std::array::from_fn(|i| if i < n { middle[i] + by_s * slope[i] } else { 0.0 })
+        };
+        let mut steps = self.shared.as_ref().map_or(1.0, |s| (2.0 * s.steps).min(MOST_SHARED));
+        while steps > 1.0 {
+            let half_s = 0.5 * (steps - 1.0) * dt;
+            let (centre, last) = (ahead(half_s), ahead(2.0 * half_s));
+            let there = |x: &[f64]| seeds.branches(input, t, x) == branches;
+            if there(&centre[..n]) && there(&last[..n]) {
+                let halfway = seeds.slope(input, t + half_s, &centre[..n]);
+                let end = seeds.slope(input, t + 2.0 * half_s, &last[..n]);
+                let is_straight = |i: usize| {
+                    let bend = (slope[i] - 2.0 * halfway[i] + end[i]).abs();
+                    let change: f64 = (0..n).map(|j| (self.a[i][j] * half_s * slope[j]).abs()).sum();
+                    bend <= BEND * change + ROUNDING * (1.0 + slope[i].abs())
+                };
+                if (0..n).all(is_straight) {
+                    return (steps, centre);
+                }
+            }
+            steps *= 0.5;
+        }
+        (1.0, ahead(0.0))
     }
 
     /// Transition and drive over `dt` from A and B at this state.
@@ -155,6 +184,9 @@ impl Sensitivity {
                 let row = &mut self.next[i * m + pack.first..];
                 row[..pack.count].copy_from_slice(&dx[i].slope[n..n + pack.count]);
             }
+        }
+        for (kept, row) in self.a.iter_mut().zip(&a) {
+            kept[..n].copy_from_slice(&row[..n]);
         }
         // exp(A dt) = 1 + A phi, S(dt) = exp(A dt) S + phi B, phi = dt (1 + A dt/2 + (A dt)^2/6 + ...)
         let phi = exponential_integral(&a, n, dt);
@@ -274,17 +306,6 @@ impl Seeds {
         let mut dx = [0.0; MOST_STATES];
         rec::derivative(input, &self.values, &self.with_effects, t, x, &mut dx[..x.len()]);
         dx
-    }
-
-    /// Over how many steps A and B may be shared.
-    fn most_steps(&self) -> f64 {
-        if self.with_effects.leave_the_plant_alone() {
-            f64::INFINITY
-        } else if self.with_effects.touches(PortKind::Mechanical) {
-            1.0
-        } else {
-            2.0
-        }
     }
 
     /// Which branches of the reference model's piecewise equations hold in a state; effects on the voltage are left out.

@@ -165,6 +165,8 @@ fn every_parameter_of_every_effect() {
         let h = effect.header();
         let start = h.starts[h.starts.len() - 1];
         let errors = errors(&k, Some((*effect, start)));
+        let of_plant = NAMES.iter().zip(&errors).max_by(|a, b| a.1.total_cmp(b.1)).expect("a plant has parameters");
+        println!("{} beside {}: {:.1e}", h.id, of_plant.0, of_plant.1);
         for (p, error) in h.parameters.iter().zip(&errors[COUNT..]) {
             println!("{} {}: {error:.1e}", h.id, p.name);
             // play: contact comes within 2 ms
