@@ -162,7 +162,10 @@ pub fn conclude(
         |e: &&&'static dyn Effect| !identified.fit.layout.effects.iter().any(|c| c.header().id == e.header().id);
     let open: Vec<&'static dyn Effect> = LIBRARY.iter().filter(carried).copied().collect();
     let misfit = identified.fit.cost / problem.targets().max(1) as f64;
-    let hidden = if diagnosis.is_some() { not_judged(&open, problem, &scene, misfit) } else { Vec::new() };
+    let hidden = match &diagnosis {
+        Some(d) => not_judged(&open, problem, &scene, misfit, &d.shows),
+        None => Vec::new(),
+    };
     let (rank, checks) = {
         let material = Material { loaded, identified: &identified, uncertainty: &uncertainty, scene: &scene };
         let (rank, checks) = rayon::join(|| rank(problem, &identified.fit, &scene.normal), || checks(&material));

@@ -56,9 +56,15 @@ impl Fit {
     }
 }
 
-/// Minimises the problem's cost from `start`.
+/// Minimises the problem's cost from `start`, with the linearisation there that the problem may have kept. It keeps that of the end, where the last step was
+/// made with one.
 pub fn fit(problem: &Problem, layout: &Layout, start: Point, effort: Effort) -> Result<Fit, SimulationError> {
-    fit_from(problem, layout, start, effort, None).map(|(fit, _)| fit)
+    let known = problem.kept_at(layout, &start).map(|pieces| pieces.to_vec());
+    let (fit, pieces) = fit_from(problem, layout, start, effort, known)?;
+    if let Some(pieces) = pieces {
+        problem.keep(&fit.layout, &fit.point, pieces);
+    }
+    Ok(fit)
 }
 
 /// As [`fit`], from a start whose linearisation is known already. The second part is that of the fit's end, where it is known.
@@ -125,10 +131,11 @@ pub fn fit_from(
                 }
             }
             let mut trial_pieces = if ahead { problem.linearise(layout, &trial).ok() } else { None };
-            let mut trial_cost = match &trial_pieces {
-                Some(pieces) => problem.cost_of_pieces(pieces, &trial),
-                None => problem.cost(layout, &trial),
+            let by_stretch = match &trial_pieces {
+                Some(pieces) => problem.cost_by_stretch(pieces, &trial),
+                None => problem.cost_by_stretch_at(layout, &trial),
             };
+            let mut trial_cost: f64 = by_stretch.iter().sum();
             if effort.ahead && trial_pieces.is_none() && trial_cost < cost {
                 // at the edge of what can be simulated values may come to their end and their derivatives not: no place to go on from
                 trial_pieces = problem.linearise(layout, &trial).ok();
@@ -141,7 +148,8 @@ pub fn fit_from(
             let predicted = 2.0 * normal.gradient.dot(&step) - (step.transpose() * &normal.matrix * &step)[(0, 0)];
             let worth = enough.min(effort.tolerance * cost);
             if trial_cost >= cost
-                && let Some(settled) = problem.settled(layout, (&point, &before_it), &trial, &normal, worth)
+                && let Some(settled) =
+                    problem.settled(layout, (&point, &before_it), (&trial, &by_stretch), &normal, worth)
             {
                 trial_cost = problem.cost(layout, &settled);
                 (trial, trial_pieces) = (settled, None);

@@ -1,6 +1,7 @@
 //! Identification of the reference model from a campaign's runs with role identify.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use model::Parameters;
 use model::integrate::SimulationError;
@@ -68,7 +69,7 @@ pub struct Identified {
     /// The joint fit in free run.
     pub fit: Fit,
     /// Residuals and derivatives at the end of `fit`, where it left them.
-    pub linear: Option<Vec<Piece>>,
+    pub linear: Option<Arc<Vec<Piece>>>,
     /// The fit with the torque as eq. (2) alone, where `fit` has more.
     pub by_eq2: Option<Fit>,
     /// Base parameters that the data do not determine, with the reason.
@@ -206,7 +207,8 @@ pub fn identify_as(loaded: &Loaded, form: TorqueForm, progress: &dyn Fn(&str)) -
             (third, Some(last))
         }
     };
-    let linear = if by_eq2.is_none() { at_end } else { None };
+    let at_end = at_end.filter(|_| by_eq2.is_none());
+    let linear = at_end.map(|pieces| problem.keep(&fit.layout, &fit.point, pieces));
     Ok(Identified { problem, fit, linear, by_eq2, undetermined, component, points })
 }
 
@@ -236,7 +238,7 @@ pub fn standard_errors(problem: &Problem, fit: &Fit) -> Result<Vec<f64>, Simulat
 /// Covariance of a fit's entries: from the normal matrix, widened where the residuals are larger than the noise. Entries
 /// that are held or without influence have an infinite variance.
 pub fn covariance_of(problem: &Problem, fit: &Fit) -> Result<nalgebra::DMatrix<f64>, SimulationError> {
-    let pieces = problem.linearise(&fit.layout, &fit.point)?;
+    let pieces = problem.linearised(&fit.layout, &fit.point)?;
     let normal = problem.normal(&pieces, fit.layout.len(), &fit.point);
     let misfit = (fit.cost / problem.targets() as f64).max(1.0);
     Ok(covariance(&normal.matrix) * misfit)

@@ -28,11 +28,21 @@ pub struct NotJudged {
 const SHOWS: f64 = 4.0;
 
 /// The effects of `library` whose directions, orthogonal to everything that was fitted, have no weight in the data at any of the sizes
-/// and shapes that their headers call usual.
-pub fn not_judged(library: &[&'static dyn Effect], problem: &Problem, scene: &Scene, misfit: f64) -> Vec<NotJudged> {
+/// and shapes that their headers call usual. `seen`: by how many standard errors of the noise they show in a part of the runs, where that is known.
+pub fn not_judged(
+    library: &[&'static dyn Effect],
+    problem: &Problem,
+    scene: &Scene,
+    misfit: f64,
+    seen: &[(&'static str, f64)],
+) -> Vec<NotJudged> {
     let recorded: Vec<Protocol> = problem.stretches.iter().filter_map(|s| s.protocol).collect();
     let shows = |effect: &'static dyn Effect| {
-        let mut most = 0.0f64;
+        let known = seen.iter().find(|(id, _)| *id == effect.header().id);
+        let mut most = known.map_or(0.0, |(_, seen)| seen / misfit.max(1.0).sqrt());
+        if most >= SHOWS {
+            return most;
+        }
         // the last ones are the largest
         for start in effect.header().starts.iter().rev() {
             if let Some(d) = scene.direction(effect, start) {

@@ -24,6 +24,7 @@ pub mod guide;
 pub mod guided;
 pub mod identification;
 pub mod judged;
+pub mod kept;
 pub mod layout;
 pub mod loaded;
 pub mod misfit;

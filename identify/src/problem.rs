@@ -5,6 +5,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use crate::guide::Guide;
+use crate::kept::Kept;
 use crate::layout::Layout;
 use crate::plant::Plant;
 use crate::plants::rec::REC;
@@ -23,6 +24,8 @@ pub struct Problem {
     /// By stretch and [`Channel`]: mean square that the steps of a sensor leave structured, where its noise does not dither
     /// them, in units of `std` squared; 0 for most.
     pub steps: Vec<Vec<f64>>,
+    /// The last derivatives at a fit's end.
+    pub kept: Kept,
 }
 
 /// A point in the space of a fit.
@@ -35,6 +38,7 @@ pub struct Point {
 }
 
 /// Weighted residuals of one stretch with their derivatives.
+#[derive(Clone)]
 pub struct Piece {
     /// (measured - predicted) / standard error, one a target.
     pub residual: Vec<f64>,
@@ -55,7 +59,7 @@ pub struct Normal {
 impl Default for Problem {
     /// Nothing yet, of the REC rig.
     fn default() -> Self {
-        Problem { plant: &REC, stretches: Vec::new(), std: Vec::new(), steps: Vec::new() }
+        Problem { plant: &REC, stretches: Vec::new(), std: Vec::new(), steps: Vec::new(), kept: Kept::default() }
     }
 }
 
@@ -84,6 +88,7 @@ impl Problem {
             stretches: chosen.iter().map(|&i| self.stretches[i].clone()).collect(),
             std: chosen.iter().map(|&i| self.std[i].clone()).collect(),
             steps: chosen.iter().map(|&i| self.steps[i].clone()).collect(),
+            kept: Kept::default(),
         };
         (part, chosen)
     }
@@ -91,7 +96,7 @@ impl Problem {
     /// The same stretches, those with a free lever no longer than `length_s` each.
     pub fn shortened(&self, length_s: f64) -> Problem {
         let stretches = self.stretches.iter().map(|s| s.shortened(length_s)).collect();
-        Problem { plant: self.plant, stretches, std: self.std.clone(), steps: self.steps.clone() }
+        Problem { stretches, ..self.clone() }
     }
 
     /// The same, with simulations of a free lever that follow what was measured; `None` where the plant's can't.
@@ -123,7 +128,7 @@ impl Problem {
     }
 
     /// What `of` says of every stretch, on all cores, the longest first so that none waits for it at the end.
-    fn each<T: Send>(
+    pub(crate) fn each<T: Send>(
         &self,
         of: impl Fn(usize) -> Result<T, SimulationError> + Sync,
     ) -> Result<Vec<T>, SimulationError> {
@@ -167,13 +172,7 @@ impl Problem {
 
     /// [`Self::cost_of`] at a point; infinite where the model can't be simulated.
     pub fn cost(&self, layout: &Layout, point: &Point) -> f64 {
-        match self.residuals(layout, point) {
-            Ok(r) => {
-                let cost = self.cost_of(&r, point);
-                if cost.is_finite() { cost } else { f64::INFINITY }
-            }
-            Err(_) => f64::INFINITY,
-        }
+        self.cost_by_stretch_at(layout, point).iter().sum()
     }
 
     /// Residuals and derivatives of every stretch.

@@ -4,6 +4,8 @@
 //! base parameters and the initial values could do as well is projected out. The residual is coloured, so significance is
 //! never taken from single samples but from sums over clusters of several seconds.
 
+use std::sync::Arc;
+
 use model::effects::{Effect, empirical};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -18,7 +20,7 @@ pub struct Scene<'a> {
     problem: &'a Problem,
     /// What was linearised.
     pub fit: &'a Fit,
-    pub(crate) pieces: Vec<Piece>,
+    pub(crate) pieces: Arc<Vec<Piece>>,
     pub(crate) normal: Normal,
     inverse: DMatrix<f64>,
     /// The residual with everything fitted projected out.
@@ -65,13 +67,13 @@ impl Direction {
 impl<'a> Scene<'a> {
     /// Linearises the fit.
     pub fn new(problem: &'a Problem, fit: &'a Fit) -> Result<Self, model::integrate::SimulationError> {
-        let pieces = problem.linearise(&fit.layout, &fit.point)?;
+        let pieces = problem.linearised(&fit.layout, &fit.point)?;
         let normal = problem.normal(&pieces, fit.layout.len(), &fit.point);
         Ok(Self::of(problem, fit, pieces, normal))
     }
 
     /// Of a fit that is linearised already.
-    pub fn of(problem: &'a Problem, fit: &'a Fit, pieces: Vec<Piece>, normal: Normal) -> Self {
+    pub fn of(problem: &'a Problem, fit: &'a Fit, pieces: Arc<Vec<Piece>>, normal: Normal) -> Self {
         let inverse = covariance(&normal.matrix).map(|v| if v.is_finite() { v } else { 0.0 });
         let (clusters, cluster_count) = clusters(problem);
         let mut scene = Scene { problem, fit, pieces, normal, inverse, residual: Vec::new(), clusters, cluster_count };

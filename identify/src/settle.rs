@@ -19,6 +19,12 @@ impl Problem {
         pieces.iter().enumerate().map(|(n, piece)| self.cost_with(n, &piece.residual, &point.initial[n])).collect()
     }
 
+    /// The same at a point; infinite of a stretch that can't be simulated there.
+    pub(crate) fn cost_by_stretch_at(&self, layout: &Layout, point: &Point) -> Vec<f64> {
+        let own = |n: usize| Ok(self.cost_of_stretch(n, layout, &point.theta, &point.initial[n]));
+        self.each(own).unwrap_or_else(|_| vec![f64::INFINITY; self.stretches.len()])
+    }
+
     fn cost_with(&self, n: usize, residual: &[f64], initial: &Initial) -> f64 {
         residual.iter().map(|r| r * r).sum::<f64>() + self.prior_of(n, initial)
     }
@@ -31,12 +37,12 @@ impl Problem {
     }
 
     /// `trial`, a step from `from`, with shorter steps of those stretches' initial values that have spoilt it: whose whole step has promised more than
-    /// `worth` and made the stretch's cost larger than it was (`before`), and a shorter one of which makes it less. `None` where there is none.
+    /// `worth` and made the stretch's cost larger than it was (`before`), `whole`, and a shorter one of which makes it less. `None` where there is none.
     pub(crate) fn settled(
         &self,
         layout: &Layout,
         (from, before): (&Point, &[f64]),
-        trial: &Point,
+        (trial, whole): (&Point, &[f64]),
         normal: &Normal,
         worth: f64,
     ) -> Option<Point> {
@@ -44,12 +50,11 @@ impl Problem {
         let promised = normal.promised_by_initial();
         let shorter: Vec<(usize, Initial)> = (0..self.stretches.len())
             .into_par_iter()
-            .filter(|&n| promised[n] > worth)
+            .filter(|&n| promised[n] > worth && whole[n] > before[n])
             .filter_map(|n| {
                 let (start, end) = (&from.initial[n], &trial.initial[n]);
-                let whole = own(n, end);
                 let mut best = (own(n, start), start.clone());
-                if whole <= before[n] || best.0 >= whole {
+                if best.0 >= whole[n] {
                     return None;
                 }
                 for share in SHARES {

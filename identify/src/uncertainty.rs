@@ -32,9 +32,9 @@ pub struct Known {
 }
 
 impl Uncertainty {
-    /// Of a fit at its end. Costs one linearisation of the problem.
+    /// Of a fit at its end. Costs one linearisation of the problem, unless that is kept.
     pub fn of(problem: &Problem, fit: &Fit) -> Result<Self, SimulationError> {
-        let pieces = problem.linearise(&fit.layout, &fit.point)?;
+        let pieces = problem.linearised(&fit.layout, &fit.point)?;
         let normal = problem.normal(&pieces, fit.layout.len(), &fit.point);
         Ok(Self::of_linear(problem, fit, &pieces, &normal))
     }

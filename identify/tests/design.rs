@@ -85,7 +85,7 @@ fn an_effect_that_no_run_provokes_is_said_to_be_out_of_reach() {
         let campaign = problem(&[dynamic(&truth, None, seconds, 1)]);
         let plain = rival(&campaign, &truth, &[]);
         let scene = Scene::new(&campaign, &plain.fit).unwrap();
-        not_judged(&library, &campaign, &scene, 1.0)
+        not_judged(&library, &campaign, &scene, 1.0, &[])
     };
     // its first 5 s leave both valves alone
     let short = hidden(5.0);

@@ -132,6 +132,7 @@ impl Search<'_> {
             ranking: std::mem::take(&mut found.ranking),
             balances,
             explained: if verdict == Verdict::None { 1.0 } else { explained_share(&parts_before, &parts_after) },
+            shows: first.shows(),
             silent: step.silent,
             after: step.fit,
             parts_before,

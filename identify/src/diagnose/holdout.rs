@@ -44,7 +44,7 @@ impl HoldOut {
     /// `clusters`: of each target.
     pub fn of(problem: &Problem, fit: &Fit, clusters: &[Vec<usize>]) -> Result<Self, SimulationError> {
         let columns = fit.layout.len();
-        let pieces = problem.linearise(&fit.layout, &fit.point)?;
+        let pieces = problem.linearised(&fit.layout, &fit.point)?;
         let normal = problem.normal(&pieces, columns, &fit.point);
         let rows = pieces
             .iter()
@@ -61,7 +61,7 @@ impl HoldOut {
                 normal.matrix[(i, i)] > 0.0 && value > low && value < high
             })
             .collect();
-        let residual = pieces.into_iter().map(|p| p.residual).collect();
+        let residual = pieces.iter().map(|p| p.residual.clone()).collect();
         let runs = problem.stretches.iter().map(|s| s.run).collect();
         Ok(HoldOut {
             rows,
@@ -94,6 +94,11 @@ impl HoldOut {
         }
         h.fill_upper_triangle_with_lower_triangle();
         (h, g)
+    }
+
+    /// Residuals of the fit to all data.
+    pub fn fitted(&self) -> &[Vec<f64>] {
+        &self.residual
     }
 
     /// Residuals of each fold under the fit to the other folds.

@@ -97,6 +97,8 @@ pub struct Diagnosis {
     pub explained: f64,
     /// Run that would tell the leading candidates apart.
     pub next_experiment: Option<String>,
+    /// By how many standard errors of the noise each candidate of the first round would show in its brief runs, at the usual size that shows most.
+    pub shows: Vec<(&'static str, f64)>,
     /// The library's score test was asked of what the model leaves, and is not significant: as noise that creeps has it.
     pub silent: bool,
 }

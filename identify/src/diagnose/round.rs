@@ -95,6 +95,19 @@ impl<'a> Round<'a> {
         (0..self.directions.len()).filter(|&i| self.directions[i].effect.header().id == id).collect()
     }
 
+    /// By how many standard errors of the noise each candidate would show, by the direction that shows most.
+    pub fn shows(&self) -> Vec<(&'static str, f64)> {
+        let mut out: Vec<(&'static str, f64)> = Vec::new();
+        for d in &self.directions {
+            let (id, shows) = (d.effect.header().id, d.square.sqrt());
+            match out.iter_mut().find(|(own, _)| *own == id) {
+                Some((_, most)) => *most = most.max(shows),
+                None => out.push((id, shows)),
+            }
+        }
+        out
+    }
+
     /// p-value of the largest statistic among the directions of these effects.
     pub fn p_value(&self, keep: impl Fn(&Direction) -> bool) -> f64 {
         let chosen: Vec<&Direction> = self.directions.iter().filter(|d| keep(d)).collect();

@@ -161,16 +161,15 @@ impl<'a> Search<'a> {
     /// The reference model alone.
     pub fn start(&self) -> Result<Found, SimulationError> {
         let fit = self.reference.clone();
-        let residual = self.problem.residuals(&fit.layout, &fit.point)?;
+        let hold_out = HoldOut::of(self.problem, &fit, &self.clusters)?;
+        let (residual, held_out) = (hold_out.fitted().to_vec(), hold_out.residuals());
         let colours = colours(self.problem, &residual);
-        let held_out = HoldOut::of(self.problem, &fit, &self.clusters)?.residuals();
         let step = Step { fit, names: Vec::new(), residual, held_out, disagreement: 0.0, silent: false };
         Ok(Found { steps: vec![step], ranking: Vec::new(), colours, convincing: None })
     }
 
     /// A fitted model as a step, with what it is worth on data that were left out.
     pub fn step(&self, fit: Fit, names: Vec<Name>) -> Result<Step, SimulationError> {
-        let residual = self.problem.residuals(&fit.layout, &fit.point)?;
         let hold_out = HoldOut::of(self.problem, &fit, &self.clusters)?;
         let disagreement = (0..fit.layout.effects.len())
             .map(|n| {
@@ -180,6 +179,7 @@ impl<'a> Search<'a> {
                 hold_out.disagreement(&sizes, &self.clusters)
             })
             .fold(0.0, f64::max);
+        let residual = hold_out.fitted().to_vec();
         Ok(Step { held_out: hold_out.residuals(), fit, names, residual, disagreement, silent: false })
     }
 

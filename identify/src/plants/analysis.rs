@@ -10,6 +10,7 @@ use crate::equivalence::{best, relatives, without};
 use crate::false_minimum::left_behind;
 use crate::findings::{Findings, UNRECOGNISED, Validation, finding};
 use crate::fit::{Effort, Fit, fit};
+use crate::kept::Kept;
 use crate::layout::Layout;
 use crate::misfit;
 use crate::noise::{mean, white_std};
@@ -159,7 +160,7 @@ pub fn problem_from(plant: &'static dyn TablePlant, stretches: Vec<Stretch>) -> 
         })
         .collect();
     let steps = vec![vec![0.0; channels]; stretches.len()];
-    Problem { plant, std: vec![std; stretches.len()], steps, stretches }
+    Problem { plant, std: vec![std; stretches.len()], steps, stretches, kept: Kept::default() }
 }
 
 /// Fits the declared model, looks for what it lacks in the plant's whole library, and predicts what was never fitted.

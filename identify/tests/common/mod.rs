@@ -147,6 +147,7 @@ pub fn diagnosis(verdict: Verdict, after: &Fit) -> Diagnosis {
         parts_after: Vec::new(),
         explained: 1.0,
         next_experiment: None,
+        shows: Vec::new(),
         silent: false,
     }
 }
