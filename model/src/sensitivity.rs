@@ -331,7 +331,7 @@ mod tests {
     use super::*;
     use crate::Parameters;
     use crate::parameters::COUNT;
-    use crate::rec::{Circuit, STATES};
+    use crate::rec::{Circuit, Lever, STATES};
 
     #[test]
     fn wide_vectors_compute_each_lane_as_it_would_be_alone() {

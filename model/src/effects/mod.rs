@@ -346,11 +346,9 @@ impl<S: Scalar> EffectSet<S> {
         self.ports & (1 << port as u8) != 0
     }
 
-    /// The losses alone say how fast a lever at rest may be set in motion. Effects that push it have velocities and kinks of their own, and so has what moves
-    /// between it and the oil (a play that closes).
+    /// Nothing moves between the lever and the oil that has kinks of its own (a play that closes): a lever at rest is set in motion by what pushes it alone.
     pub fn let_the_lever_rest(&self) -> bool {
-        let between = self.touches(PortKind::Hydraulic) && self.states > 0;
-        !(between || self.touches(PortKind::Mechanical))
+        !(self.touches(PortKind::Hydraulic) && self.states > 0)
     }
 
     /// Lets every effect of this port act.
