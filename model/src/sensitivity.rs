@@ -5,15 +5,17 @@ use multiversion::multiversion;
 use crate::effects::EffectSet;
 use crate::integrate::{FEW_STATES, MOST_STATES};
 use crate::near::Exact;
-use crate::rec::{self, Input};
+use crate::rec::{self, Input, STATES};
 use crate::scalar::{LANES, Scalar, Tangent};
+use crate::step::rests;
 
 /// Derivatives of the states with respect to chosen parameters, carried along a simulated trajectory.
 ///
 /// The variational equation S' = A S + B is taken at the middle of a step, with A and B from dual numbers, and advanced by
 /// its exponential: second order in the step, stable where the plant is. A and B change as slowly as the state does between kinks,
 /// so steps in a row on one branch under one input share those of their middle where the equations are straight between their states: the slope in the
-/// middle is then the mean of those at the ends. Kinks and steep places of effects, which no branch tells, show in that as well.
+/// middle is then the mean of those at the ends. Kinks and steep places of effects, which no branch tells, show in that as well. What dies out faster is
+/// followed step by step.
 pub struct Sensitivity {
     states: usize,
     columns: usize,
@@ -32,6 +34,11 @@ pub struct Sensitivity {
 const MOST_SHARED: f64 = 8.0;
 /// Over those, slopes bend by at most this share of what A alone changes them by.
 const BEND: f64 = 0.001;
+/// Most of the shortest time constant of an effect's own states that they last: what such a state has yet to go bends within it, however straight the equations
+/// are, and the derivatives by that time constant with it.
+const OF_OWN_TIME: f64 = 0.1;
+/// Longest time that they last while the lever creeps, s: what dies out there has a time constant of 1..2 ms.
+const CREEP_S: f64 = 1e-3 + 1e-9;
 /// Of a slope: what summing leaves of nothing.
 const ROUNDING: f64 = 1e-9;
 
@@ -130,7 +137,12 @@ impl Sensitivity {
         let ahead = |by_s: f64| -> [f64; MOST_STATES] {
             std::array::from_fn(|i| if i < n { middle[i] + by_s * slope[i] } else { 0.0 })
         };
+        let fastest = (STATES..n).map(|i| self.a[i][i].abs()).fold(0.0, f64::max);
+        let creeps = rec::creeps(input, branches) && !rests(&seeds.values, &seeds.with_effects, &slope, dt);
         let mut steps = self.shared.as_ref().map_or(1.0, |s| (2.0 * s.steps).min(MOST_SHARED));
+        while steps > 1.0 && ((steps - 1.0) * dt * fastest > OF_OWN_TIME || (creeps && steps * dt > CREEP_S)) {
+            steps *= 0.5;
+        }
         while steps > 1.0 {
             let half_s = 0.5 * (steps - 1.0) * dt;
             let (centre, last) = (ahead(half_s), ahead(2.0 * half_s));
@@ -331,7 +343,7 @@ mod tests {
     use super::*;
     use crate::Parameters;
     use crate::parameters::COUNT;
-    use crate::rec::{Circuit, Lever, STATES};
+    use crate::rec::{Circuit, Lever};
 
     #[test]
     fn wide_vectors_compute_each_lane_as_it_would_be_alone() {
