@@ -5,6 +5,7 @@ use multiversion::multiversion;
 use crate::effects::EffectSet;
 use crate::integrate::{FEW_STATES, MOST_STATES};
 use crate::near::Exact;
+use crate::port::PortKind;
 use crate::rec::{self, Input, STATES};
 use crate::scalar::{LANES, Scalar, Tangent};
 use crate::step::rests;
@@ -32,6 +33,8 @@ pub struct Sensitivity {
 
 /// Most steps that share A and B.
 const MOST_SHARED: f64 = 8.0;
+/// The same where an effect pushes the lever: of two frictions that turn round side by side a fit must tell which is which.
+const MOST_SHARED_PUSHED: f64 = 2.0;
 /// Over those, slopes bend by at most this share of what A alone changes them by.
 const BEND: f64 = 0.001;
 /// Most of the shortest time constant of an effect's own states that they last: what such a state has yet to go bends within it, however straight the equations
@@ -139,7 +142,9 @@ impl Sensitivity {
         };
         let fastest = (STATES..n).map(|i| self.a[i][i].abs()).fold(0.0, f64::max);
         let creeps = rec::creeps(input, branches) && !rests(&seeds.values, &seeds.with_effects, &slope, dt);
-        let mut steps = self.shared.as_ref().map_or(1.0, |s| (2.0 * s.steps).min(MOST_SHARED));
+        let pushed = seeds.with_effects.touches(PortKind::Mechanical);
+        let most = if pushed { MOST_SHARED_PUSHED } else { MOST_SHARED };
+        let mut steps = self.shared.as_ref().map_or(1.0, |s| (2.0 * s.steps).min(most));
         while steps > 1.0 && ((steps - 1.0) * dt * fastest > OF_OWN_TIME || (creeps && steps * dt > CREEP_S)) {
             steps *= 0.5;
         }
