@@ -6,7 +6,7 @@ use crate::effects::EffectSet;
 use crate::integrate::{FEW_STATES, MOST_STATES};
 use crate::near::Exact;
 use crate::port::PortKind;
-use crate::rec::{self, Input, STATES};
+use crate::rec::{self, Input};
 use crate::scalar::{LANES, Scalar, Tangent};
 use crate::step::rests;
 
@@ -15,8 +15,7 @@ use crate::step::rests;
 /// The variational equation S' = A S + B is taken at the middle of a step, with A and B from dual numbers, and advanced by
 /// its exponential: second order in the step, stable where the plant is. A and B change as slowly as the state does between kinks,
 /// so steps in a row on one branch under one input share those of their middle where the equations are straight between their states: the slope in the
-/// middle is then the mean of those at the ends. Kinks and steep places of effects, which no branch tells, show in that as well. What dies out faster is
-/// followed step by step.
+/// middle is then the mean of those at the ends. Kinks and steep places of effects, which no branch tells, show in that as well.
 pub struct Sensitivity {
     states: usize,
     columns: usize,
@@ -37,9 +36,6 @@ const MOST_SHARED: f64 = 8.0;
 const MOST_SHARED_PUSHED: f64 = 2.0;
 /// Over those, slopes bend by at most this share of what A alone changes them by.
 const BEND: f64 = 0.001;
-/// Most of the shortest time constant of an effect's own states that they last: what such a state has yet to go bends within it, however straight the equations
-/// are, and the derivatives by that time constant with it.
-const OF_OWN_TIME: f64 = 0.1;
 /// Longest time that they last while the lever creeps, s: what dies out there has a time constant of 1..2 ms.
 const CREEP_S: f64 = 1e-3 + 1e-9;
 /// Of a slope: what summing leaves of nothing.
@@ -103,7 +99,10 @@ impl Sensitivity {
             s.branches == branches && t < s.until_s && (s.dt - dt).abs() < 1e-9 * dt && alike(&s.input, input)
         });
         if !kept {
-            let (steps, centre) = self.straight(seeds, input, t, dt, middle, branches);
+            let (steps, centre) = match seeds.most_steps() {
+                Some(most) => self.straight(seeds, input, t, dt, middle, (branches, most)),
+                None => seeds.two_steps(input, t, dt, middle, branches),
+            };
             self.linearise(seeds, input, t + 0.5 * (steps - 1.0) * dt, dt, &centre[..middle.len()]);
             self.shared = Some(Shared { input: *input, dt, until_s: t + (steps - 0.5) * dt, branches, steps });
         }
@@ -133,19 +132,16 @@ impl Sensitivity {
         t: f64,
         dt: f64,
         middle: &[f64],
-        branches: u32,
+        (branches, most): (u32, f64),
     ) -> (f64, [f64; MOST_STATES]) {
         let n = middle.len();
         let slope = seeds.slope(input, t, middle);
         let ahead = |by_s: f64| -> [f64; MOST_STATES] {
             std::array::from_fn(|i| if i < n { middle[i] + by_s * slope[i] } else { 0.0 })
         };
-        let fastest = (STATES..n).map(|i| self.a[i][i].abs()).fold(0.0, f64::max);
         let creeps = rec::creeps(input, branches) && !rests(&seeds.values, &seeds.with_effects, &slope, dt);
-        let pushed = seeds.with_effects.touches(PortKind::Mechanical);
-        let most = if pushed { MOST_SHARED_PUSHED } else { MOST_SHARED };
         let mut steps = self.shared.as_ref().map_or(1.0, |s| (2.0 * s.steps).min(most));
-        while steps > 1.0 && ((steps - 1.0) * dt * fastest > OF_OWN_TIME || (creeps && steps * dt > CREEP_S)) {
+        while creeps && steps > 1.0 && steps * dt > CREEP_S {
             steps *= 0.5;
         }
         while steps > 1.0 {
@@ -325,6 +321,29 @@ impl Seeds {
         dx
     }
 
+    /// Most steps that share A and B where the equations are straight; `None` where effects act on the oil or what drives it, whose states follow it in their own
+    /// time: two then, straight or not, for a dead time has derivatives that only such a mean shows.
+    fn most_steps(&self) -> Option<f64> {
+        if self.with_effects.leave_the_plant_alone() {
+            Some(MOST_SHARED)
+        } else {
+            self.with_effects.touches(PortKind::Mechanical).then_some(MOST_SHARED_PUSHED)
+        }
+    }
+
+    /// Two steps from this one on and the state in the middle of them, where the lever does not creep faster than that.
+    fn two_steps(&self, input: &Input, t: f64, dt: f64, middle: &[f64], branches: u32) -> (f64, [f64; MOST_STATES]) {
+        let n = middle.len();
+        let mut here = [0.0; MOST_STATES];
+        here[..n].copy_from_slice(middle);
+        if rec::creeps(input, branches) && 2.0 * dt > CREEP_S {
+            return (1.0, here);
+        }
+        let slope = self.slope(input, t, middle);
+        let ahead: [f64; MOST_STATES] = std::array::from_fn(|i| here[i] + 0.5 * dt * slope[i]);
+        (2.0, if self.branches(input, t, &ahead[..n]) == branches { ahead } else { here })
+    }
+
     /// Which branches of the reference model's piecewise equations hold in a state; effects on the voltage are left out.
     fn branches(&self, input: &Input, t: f64, x: &[f64]) -> u32 {
         rec::branches(input, &self.values, &EffectSet::none(), t, x, &mut [0.0; MOST_STATES])
@@ -348,7 +367,7 @@ mod tests {
     use super::*;
     use crate::Parameters;
     use crate::parameters::COUNT;
-    use crate::rec::{Circuit, Lever};
+    use crate::rec::{Circuit, Lever, STATES};
 
     #[test]
     fn wide_vectors_compute_each_lane_as_it_would_be_alone() {
