@@ -9,7 +9,8 @@ use crate::rec::{Input, STATES, state};
 use crate::scalar::Scalar;
 use crate::step::{At, Plant, between};
 
-pub use crate::sensitivity::{Seeds, Sensitivity};
+pub use crate::seeds::Seeds;
+pub use crate::sensitivity::Sensitivity;
 
 /// Most states that plant and effects may have together.
 pub const MOST_STATES: usize = 16;

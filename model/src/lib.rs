@@ -7,6 +7,7 @@ pub mod parameters;
 pub mod port;
 pub mod rec;
 pub mod scalar;
+mod seeds;
 mod sensitivity;
 mod step;
 

@@ -7,7 +7,8 @@ use crate::integrate::{FEW_STATES, MOST_STATES};
 use crate::near::Exact;
 use crate::port::PortKind;
 use crate::rec::{self, Input};
-use crate::scalar::{LANES, Scalar, Tangent};
+use crate::scalar::{Scalar, Tangent};
+use crate::seeds::Seeds;
 use crate::step::rests;
 
 /// Derivatives of the states with respect to chosen parameters, carried along a simulated trajectory.
@@ -15,7 +16,8 @@ use crate::step::rests;
 /// The variational equation S' = A S + B is taken at the middle of a step, with A and B from dual numbers, and advanced by
 /// its exponential: second order in the step, stable where the plant is. A and B change as slowly as the state does between kinks,
 /// so steps in a row on one branch under one input share those of their middle where the equations are straight between their states: the slope in the
-/// middle is then the mean of those at the ends. Kinks and steep places of effects, which no branch tells, show in that as well.
+/// middle is then the mean of those at the ends. Kinks and steep places of an effect that pushes the lever, which no branch tells, show in that as well. Two steps
+/// do so beside other effects on the plant.
 pub struct Sensitivity {
     states: usize,
     columns: usize,
@@ -40,6 +42,27 @@ const BEND: f64 = 0.001;
 const CREEP_S: f64 = 1e-3 + 1e-9;
 /// Of a slope: what summing leaves of nothing.
 const ROUNDING: f64 = 1e-9;
+
+/// Which steps share A and B.
+enum Shares {
+    /// At most so many, where the equations are straight.
+    WhereStraight(f64),
+    /// Two, straight or not.
+    Two,
+}
+
+impl Shares {
+    /// Effects on the oil or on what drives it have states that follow it in their own time, and a dead time has derivatives that only the mean of two steps shows.
+    fn of(effects: &EffectSet<f64>) -> Self {
+        if effects.leave_the_plant_alone() {
+            Shares::WhereStraight(MOST_SHARED)
+        } else if effects.touches(PortKind::Mechanical) {
+            Shares::WhereStraight(MOST_SHARED_PUSHED)
+        } else {
+            Shares::Two
+        }
+    }
+}
 
 /// Under both inputs A and B are as good as the same.
 fn alike(a: &Input, b: &Input) -> bool {
@@ -99,10 +122,7 @@ impl Sensitivity {
             s.branches == branches && t < s.until_s && (s.dt - dt).abs() < 1e-9 * dt && alike(&s.input, input)
         });
         if !kept {
-            let (steps, centre) = match seeds.most_steps() {
-                Some(most) => self.straight(seeds, input, t, dt, middle, (branches, most)),
-                None => seeds.two_steps(input, t, dt, middle, branches),
-            };
+            let (steps, centre) = self.shared_from(seeds, input, t, dt, middle, branches);
             self.linearise(seeds, input, t + 0.5 * (steps - 1.0) * dt, dt, &centre[..middle.len()]);
             self.shared = Some(Shared { input: *input, dt, until_s: t + (steps - 0.5) * dt, branches, steps });
         }
@@ -122,33 +142,39 @@ impl Sensitivity {
         std::mem::swap(&mut self.s, &mut self.next);
     }
 
-    /// How many steps from this one on may share A and B, and the state in the middle of them all, by the slope in the middle of the first: as many as the
-    /// equations are straight over, as they stand on the way from the first one's middle to the last one's. At most twice as many as the last time.
+    /// How many steps from this one on share A and B, and the state in the middle of them all, by the slope in the middle of the first. At most twice as many as
+    /// the last time.
     #[inline(always)]
-    fn straight(
+    fn shared_from(
         &self,
         seeds: &Seeds,
         input: &Input,
         t: f64,
         dt: f64,
         middle: &[f64],
-        (branches, most): (u32, f64),
+        branches: u32,
     ) -> (f64, [f64; MOST_STATES]) {
         let n = middle.len();
         let slope = seeds.slope(input, t, middle);
         let ahead = |by_s: f64| -> [f64; MOST_STATES] {
             std::array::from_fn(|i| if i < n { middle[i] + by_s * slope[i] } else { 0.0 })
         };
+        let same_branch = |x: &[f64; MOST_STATES]| seeds.branches(input, t, &x[..n]) == branches;
         let creeps = rec::creeps(input, branches) && !rests(&seeds.values, &seeds.with_effects, &slope, dt);
+        let within = |steps: f64| !creeps || steps * dt <= CREEP_S;
+        let most = match Shares::of(&seeds.with_effects) {
+            Shares::WhereStraight(most) => most,
+            Shares::Two if within(2.0) => {
+                let centre = Some(ahead(0.5 * dt)).filter(same_branch);
+                return (2.0, centre.unwrap_or_else(|| ahead(0.0)));
+            }
+            Shares::Two => return (1.0, ahead(0.0)),
+        };
         let mut steps = self.shared.as_ref().map_or(1.0, |s| (2.0 * s.steps).min(most));
-        while creeps && steps > 1.0 && steps * dt > CREEP_S {
-            steps *= 0.5;
-        }
         while steps > 1.0 {
             let half_s = 0.5 * (steps - 1.0) * dt;
             let (centre, last) = (ahead(half_s), ahead(2.0 * half_s));
-            let there = |x: &[f64]| seeds.branches(input, t, x) == branches;
-            if there(&centre[..n]) && there(&last[..n]) {
+            if within(steps) && same_branch(&centre) && same_branch(&last) {
                 let halfway = seeds.slope(input, t + half_s, &centre[..n]);
                 let end = seeds.slope(input, t + 2.0 * half_s, &last[..n]);
                 let is_straight = |i: usize| {
@@ -274,136 +300,5 @@ fn exponential_integral<const N: usize>(a: &[[f64; N]; N], n: usize, dt: f64) ->
     sum
 }
 
-/// Parameters as dual numbers, packed so that states and parameters of one pass fit into the lanes.
-pub struct Seeds {
-    packs: Vec<Pack>,
-    /// The values alone, to tell branches and to look ahead.
-    values: Vec<f64>,
-    with_effects: EffectSet<f64>,
-}
-
-struct Pack {
-    first: usize,
-    count: usize,
-    k: Vec<Tangent>,
-    effects: EffectSet<Tangent>,
-}
-
-impl Seeds {
-    /// `build(lanes)` gives plant parameters and effects as dual numbers, where `lanes(c)` is the lane of column `c` in this
-    /// pass or `None`; `columns` columns in all. `states`: of plant and effects.
-    pub fn new(
-        states: usize,
-        columns: usize,
-        build: impl Fn(&dyn Fn(usize) -> Option<usize>) -> (Vec<Tangent>, EffectSet<Tangent>),
-    ) -> Self {
-        let room = LANES - states;
-        let mut packs = Vec::new();
-        let mut first = 0;
-        loop {
-            let count = room.min(columns - first);
-            let (k, effects) =
-                build(&|column| (first..first + count).contains(&column).then(|| states + column - first));
-            packs.push(Pack { first, count, k, effects });
-            first += count;
-            if first >= columns {
-                let values = packs.first().map(|p: &Pack| p.k.iter().map(|v| v.value).collect()).unwrap_or_default();
-                let with_effects = packs.first().map_or_else(EffectSet::none, |p: &Pack| p.effects.values());
-                return Seeds { packs, values, with_effects };
-            }
-        }
-    }
-
-    /// The derivative of the states.
-    fn slope(&self, input: &Input, t: f64, x: &[f64]) -> [f64; MOST_STATES] {
-        let mut dx = [0.0; MOST_STATES];
-        rec::derivative(input, &self.values, &self.with_effects, t, x, &mut dx[..x.len()]);
-        dx
-    }
-
-    /// Most steps that share A and B where the equations are straight; `None` where effects act on the oil or what drives it, whose states follow it in their own
-    /// time: two then, straight or not, for a dead time has derivatives that only such a mean shows.
-    fn most_steps(&self) -> Option<f64> {
-        if self.with_effects.leave_the_plant_alone() {
-            Some(MOST_SHARED)
-        } else {
-            self.with_effects.touches(PortKind::Mechanical).then_some(MOST_SHARED_PUSHED)
-        }
-    }
-
-    /// Two steps from this one on and the state in the middle of them, where the lever does not creep faster than that.
-    fn two_steps(&self, input: &Input, t: f64, dt: f64, middle: &[f64], branches: u32) -> (f64, [f64; MOST_STATES]) {
-        let n = middle.len();
-        let mut here = [0.0; MOST_STATES];
-        here[..n].copy_from_slice(middle);
-        if rec::creeps(input, branches) && 2.0 * dt > CREEP_S {
-            return (1.0, here);
-        }
-        let slope = self.slope(input, t, middle);
-        let ahead: [f64; MOST_STATES] = std::array::from_fn(|i| here[i] + 0.5 * dt * slope[i]);
-        (2.0, if self.branches(input, t, &ahead[..n]) == branches { ahead } else { here })
-    }
-
-    /// Which branches of the reference model's piecewise equations hold in a state; effects on the voltage are left out.
-    fn branches(&self, input: &Input, t: f64, x: &[f64]) -> u32 {
-        rec::branches(input, &self.values, &EffectSet::none(), t, x, &mut [0.0; MOST_STATES])
-    }
-
-    /// Number of seeded columns.
-    pub fn columns(&self) -> usize {
-        self.packs.iter().map(|p| p.count).sum()
-    }
-
-    /// Evaluates a function of the state with derivatives, pass by pass: `f(k, effects, first_column, count)`.
-    pub fn each_pass(&self, mut f: impl FnMut(&[Tangent], &EffectSet<Tangent>, usize, usize)) {
-        for p in &self.packs {
-            f(&p.k, &p.effects, p.first, p.count);
-        }
-    }
-}
-
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::Parameters;
-    use crate::parameters::COUNT;
-    use crate::rec::{Circuit, Lever, STATES};
-
-    #[test]
-    fn wide_vectors_compute_each_lane_as_it_would_be_alone() {
-        let known = Parameters::example().to_vector();
-        let seeds = Seeds::new(STATES, COUNT, |lane| {
-            let dual = |(c, v): (usize, &f64)| lane(c).map_or(Tangent::constant(*v), |l| Tangent::variable(*v, l));
-            (known.iter().enumerate().map(dual).collect(), EffectSet::none())
-        });
-        let (mut wide, mut plain) = (Sensitivity::new(STATES, COUNT + 3), Sensitivity::new(STATES, COUNT + 3));
-        for s in [&mut wide, &mut plain] {
-            (0..3).for_each(|i| s.set(i, COUNT + i, 1.0));
-        }
-        for step in 0..200 {
-            let (t, swing) = (f64::from(step) * 1e-3, (0.07 * f64::from(step)).sin());
-            let input = Input {
-                voltage_v: 18.0 * swing.signum(),
-                brake_open: true,
-                bypass_open: step > 150,
-                vertical: true,
-                lever: Lever::Free,
-                circuit: Circuit::Pump,
-            };
-            let middle = [0.4 * swing, 1.5 * swing, 2.5 + 0.4 * swing, 2.6 - 0.4 * swing, 0.0];
-            wide.advance(&seeds, &input, t, 1e-3, &middle[..STATES]);
-            plain.advance_in(&seeds, &input, t, 1e-3, &middle[..STATES]);
-            let (mut one, mut other) = (Sensitivity::new(STATES, COUNT + 3), Sensitivity::new(STATES, COUNT + 3));
-            linearise_few(&mut one, &seeds, &input, t, 1e-3, &middle[..STATES]);
-            other.linearise_in::<FEW_STATES>(&seeds, &input, t, 1e-3, &middle[..STATES]);
-            assert!(same(&one.drive, &other.drive), "drive at step {step}");
-            assert!(same(one.transition.as_flattened(), other.transition.as_flattened()), "transition at step {step}");
-        }
-        assert!(wide.s.iter().any(|v| *v != 0.0) && wide.s.iter().all(|v| v.is_finite()));
-        assert!(same(&wide.s, &plain.s), "carried along");
-    }
-
-    fn same(a: &[f64], b: &[f64]) -> bool {
-        a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits())
-    }
-}
+mod tests;

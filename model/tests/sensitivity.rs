@@ -2,12 +2,12 @@
 
 mod common;
 
-use common::{MIDDLE, input};
+use common::{MIDDLE, wave};
 use model::Parameters;
 use model::effects::{Effect, EffectSet, LIBRARY};
 use model::integrate::{Integrator, Seeds, Sensitivity};
 use model::parameters::{COUNT, NAMES};
-use model::rec::{self, Input, STATES, state::*};
+use model::rec::{self, STATES, state::*};
 use model::scalar::{Scalar, Tangent};
 
 const STEP_S: f64 = 1e-3;
@@ -17,22 +17,6 @@ const MEASURED: [usize; 3] = [ANGLE, PRESSURE1, PRESSURE2];
 /// Of a column's largest value. The step in which the lever reverses takes the branch of its middle for the whole
 /// millisecond, which the losses' time constant of 1.5 ms near rest feels.
 const MOST_ERROR: f64 = 0.05;
-
-/// Half periods of 0.5 s, the brake closed for a moment in the second, the bypass open in the fourth, the pump at rest in the fifth.
-fn wave(t: f64) -> Input {
-    let half = (t / 0.5 + 1e-9) as usize;
-    let voltage_v = match half {
-        4 => 0.0,
-        _ if half.is_multiple_of(2) => 21.6,
-        _ => -21.6,
-    };
-    Input {
-        brake_open: !(0.8..0.9).contains(&t),
-        bypass_open: (1.6..1.7).contains(&t),
-        vertical: true,
-        ..input(voltage_v)
-    }
-}
 
 /// States after each step, from `start` with the effect's states at rest.
 fn simulate(k: &[f64], effects: &EffectSet<f64>, start: &[f64]) -> Vec<Vec<f64>> {

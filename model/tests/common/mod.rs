@@ -48,3 +48,19 @@ pub fn run(
     }
     all
 }
+
+/// Half periods of 0.5 s, the brake closed for a moment in the second, the bypass open in the fourth, the pump at rest in the fifth.
+pub fn wave(t: f64) -> Input {
+    let half = (t / 0.5 + 1e-9) as usize;
+    let voltage_v = match half {
+        4 => 0.0,
+        _ if half.is_multiple_of(2) => 21.6,
+        _ => -21.6,
+    };
+    Input {
+        brake_open: !(0.8..0.9).contains(&t),
+        bypass_open: (1.6..1.7).contains(&t),
+        vertical: true,
+        ..input(voltage_v)
+    }
+}
