@@ -1,5 +1,6 @@
 //! Oil that passes the valve block from one chamber to the other.
 
+use super::gap::through_a_gap;
 use super::{Balance, Header, Law, Parameter, Refined};
 use crate::port::{Port, PortKind};
 use crate::scalar::Scalar;
@@ -43,9 +44,6 @@ impl Law for CrossLeakage {
 /// A gap between a laminar and a turbulent one.
 struct AnyPower;
 
-/// A pressure difference that is none, bar: it smooths abs(dp).
-const SMALL_BAR: f64 = 1e-4;
-
 impl Law for AnyPower {
     const HEADER: Header = Header {
         equation: "q = k*dp*(abs(dp)^s + d^s)^((m - 1)/s) from chamber 1 to chamber 2, also with the brake closed; none where the chambers are shut off one by one",
@@ -65,10 +63,7 @@ impl Law for AnyPower {
             && !h.shut_off
         {
             let dp = h.pressure_bar[0] - h.pressure_bar[1];
-            let (power, gradual) = (k[2] - 1.0, k[3]);
-            // a power has no slope at 0
-            let within = (dp * dp + SMALL_BAR * SMALL_BAR).powf(gradual * 0.5) + k[1].powf(gradual);
-            let leak = k[0] * dp * within.powf(power / gradual);
+            let leak = k[0] * through_a_gap(dp, k[2], k[1], k[3]);
             h.flow_ml_s[0] -= leak;
             h.flow_ml_s[1] += leak;
         }

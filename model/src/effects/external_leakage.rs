@@ -1,5 +1,6 @@
 //! Oil that leaves a chamber to the outside, against the paper's assumption 3.
 
+use super::gap::through_a_gap;
 use super::{Balance, Header, Law, Parameter, Refined};
 use crate::port::{AMBIENT_BAR, Port, PortKind};
 use crate::scalar::Scalar;
@@ -25,7 +26,8 @@ impl Law for ExternalLeakage {
         starts: &[&[0.002, 0.0], &[0.0, 0.002], &[0.002, 0.002], &[0.05, 0.0], &[0.0, 0.05]],
         passive: true,
     };
-    const REFINED: Option<Refined> = Some(Refined { effect: &AnyPower, neutral: &[1.0], starts: &[&[0.6]] });
+    const REFINED: Option<Refined> =
+        Some(Refined { effect: &AnyPower, neutral: &[1.0, 0.01, 2.0], starts: &[&[0.6, 0.01, 2.0], &[0.5, 0.3, 1.0]] });
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Hydraulic(h) = port {
@@ -36,19 +38,21 @@ impl Law for ExternalLeakage {
     }
 }
 
-/// A gap between a laminar and a turbulent one.
+/// A gap that is laminar, turbulent, or the one at a low pressure and the other at a high one.
 struct AnyPower;
 
 impl Law for AnyPower {
     const HEADER: Header = Header {
-        equation: "q_i = k_i*(p_i - p_amb)*abs(p_i - p_amb)^(m - 1) out of chamber i = 1, 2, also where it is shut off",
-        validity: "a gap of any kind: m = 0.5 turbulent, 1 laminar, and laminar within 0.01 bar whatever m is; meant above ambient: oil that has left does not come back",
+        equation: "q_i = k_i*g*(abs(g)^s + d^s)^((m - 1)/s), g = p_i - p_amb, out of chamber i = 1, 2, also where it is shut off",
+        validity: "a gap of any kind: m = 0.5 turbulent, 1 laminar; laminar within the transition pressure d, which is passed the more gradually the smaller s is (a gap with an orifice behind it: some 0.7); abs(g) smoothed over 1e-4 bar; meant above ambient: oil that has left does not come back",
         parameters: &[
             Parameter { unit: "ml/(s bar^m)", ..ExternalLeakage::HEADER.parameters[0] },
             Parameter { unit: "ml/(s bar^m)", ..ExternalLeakage::HEADER.parameters[1] },
             Parameter { name: "m", unit: "1", lower: 0.4, upper: 1.2, typical: 0.5, size: false },
+            Parameter { name: "d", unit: "bar", lower: 1e-3, upper: 20.0, typical: 0.1, size: false },
+            Parameter { name: "s", unit: "1", lower: 0.3, upper: 4.0, typical: 1.0, size: false },
         ],
-        starts: &[&[0.002, 0.002, 0.6]],
+        starts: &[&[0.002, 0.002, 0.6, 0.01, 2.0]],
         ..ExternalLeakage::HEADER
     };
 
@@ -56,8 +60,7 @@ impl Law for AnyPower {
         if let Port::Hydraulic(h) = port {
             for i in 0..2 {
                 let gauge = h.pressure_bar[i] - AMBIENT_BAR;
-                // laminar within a hundredth of a bar: a power has no slope at 0
-                h.flow_ml_s[i] -= k[i] * gauge * (gauge * gauge + 1e-4).powf((k[2] - 1.0) * 0.5);
+                h.flow_ml_s[i] -= k[i] * through_a_gap(gauge, k[2], k[3], k[4]);
             }
         }
     }

@@ -21,6 +21,7 @@ pub mod empirical;
 mod end_stop;
 mod external_leakage;
 mod force_offset;
+mod gap;
 mod lag;
 mod line_inertance;
 mod order;
