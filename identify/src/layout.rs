@@ -95,6 +95,14 @@ impl Layout {
         (k, set)
     }
 
+    /// These values with the base's own as [`Plant::unbend`] sets them.
+    pub fn unbent(&self, theta: &[f64]) -> Vec<f64> {
+        let (mut k, _) = self.expand(theta);
+        self.plant.unbend(&mut k);
+        let base = self.base.iter().map(|&i| k[i]);
+        base.chain(theta[self.base.len()..].iter().copied()).collect()
+    }
+
     /// The same with one more effect.
     pub fn with(&self, effect: &'static dyn Effect) -> Self {
         let mut more = self.clone();

@@ -85,6 +85,9 @@ pub trait Plant: Sync {
     /// The same with derivatives.
     fn complete_tangents(&self, _k: &mut [Tangent]) {}
 
+    /// Sets those base values to where a fit starts afresh that take the place of an effect while it is not in the model, and hardly find back from there.
+    fn unbend(&self, _k: &mut [f64]) {}
+
     /// Predictions at a stretch's targets: free run from its initial state, corrected by `initial`, with the recorded inputs.
     fn predict(
         &self,

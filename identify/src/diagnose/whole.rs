@@ -78,16 +78,24 @@ impl Search<'_> {
         Some((general, brief))
     }
 
-    /// A fit that leaves more than noise, or a better one of the same names from base values that no effect has bent. Far from the noise it is the form or
-    /// another effect that is missing.
+    /// A fit that leaves more than noise, or a better one of the same names: from where it is, but for the base values that had taken the effects' place before
+    /// they were in the model, and from base values that no effect has bent. Far from the noise it is the form or another effect that is missing.
     pub fn sought_from_afar(&self, reached: Fit) -> Result<Fit, SimulationError> {
+        let leaves_more = |fit: &Fit| Ok(misfit::left_by(self.problem, fit)? >= MATERIAL);
         let far = reached.cost > FAR * self.problem.targets() as f64;
-        if far || misfit::left_by(self.problem, &reached)? < MATERIAL {
+        if far || !leaves_more(&reached)? {
             return Ok(reached);
         }
-        let mut afar = reached.point.theta.clone();
-        afar[..self.component.len()].copy_from_slice(self.component);
-        let led = left_behind(self.problem, reached.clone(), &afar);
+        let unbent = reached.layout.unbent(&reached.point.theta);
+        let mut led = match unbent == reached.point.theta {
+            true => reached.clone(),
+            false => left_behind(self.problem, reached.clone(), &unbent),
+        };
+        if led.cost >= reached.cost || leaves_more(&led)? {
+            let mut afar = led.point.theta.clone();
+            afar[..self.component.len()].copy_from_slice(self.component);
+            led = left_behind(self.problem, led, &afar);
+        }
         if led.cost >= reached.cost {
             return Ok(reached);
         }
@@ -202,5 +210,34 @@ mod tests {
         assert!(led.cost < 1.1 * targets, "{}", led.cost / targets);
         let again = search.sought_from_afar(led.clone()).unwrap();
         assert_eq!(again.cost, led.cost, "what leaves noise stays");
+    }
+
+    #[test]
+    fn losses_that_have_taken_a_friction_s_place_are_led_back_from_where_they_are() {
+        let truth = Parameters::example();
+        let friction = find("pressure_friction").unwrap();
+        let runs = [7, 8, 9].map(|seed| dynamic(&truth, Some((friction, vec![1.2, 0.025])), 12.0, seed));
+        let (problem, layout) = (problem(&runs), layout(&truth));
+        let component = layout.vector_of(&truth);
+        let bent = fit(&problem, &layout, problem.point(component.clone()), Effort::default()).unwrap();
+        let named = layout.with(friction);
+        let targets = problem.targets() as f64;
+        // losses that weaken with speed and turn round late
+        let astray = |share: f64| {
+            let mut losses = truth.losses;
+            losses.l1 -= 9.0 * share;
+            losses.l2 += 3.0 * share;
+            losses.a += 0.03 * share;
+            let theta = [&layout.vector_of(&Parameters { losses, ..truth })[..], &[1.2, 0.025]].concat();
+            let point = problem.point(theta);
+            Fit { cost: problem.cost(&named, &point), layout: named.clone(), point, converged: true }
+        };
+        let stuck = (1..=20).map(|n| astray(0.05 * f64::from(n))).find(|fit| fit.cost > 2.0 * targets).unwrap();
+        assert!(stuck.cost < FAR * targets, "{}", stuck.cost / targets);
+        // the other start is not what leads it here
+        let nowhere: Vec<f64> = component.iter().map(|v| 1.5 * v).collect();
+        let search = Search::new(&[], &Declared { problem: &problem, fit: &bent, component: &nowhere }, &|_| ());
+        let led = search.sought_from_afar(stuck).unwrap();
+        assert!(led.cost < 1.03 * targets, "{}", led.cost / targets);
     }
 }

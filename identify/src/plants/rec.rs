@@ -7,6 +7,7 @@ use model::parameters::{COUNT, NAMES, UNITS, close_losses, index};
 use model::port::PortKind;
 use model::scalar::Tangent;
 
+use crate::false_minimum::with_plain_losses;
 use crate::layout::Layout;
 use crate::plant::{BaseParameter, Plant, PlantHeader, Quantity};
 use crate::predict::{self, Linear};
@@ -118,6 +119,14 @@ impl Plant for Rec {
 
     fn complete_tangents(&self, k: &mut [Tangent]) {
         close_losses(k);
+    }
+
+    fn unbend(&self, k: &mut [f64]) {
+        if let Ok(own) = <&[f64; COUNT]>::try_from(&*k) {
+            // the largest voltage is none of them
+            let plain = with_plain_losses(Parameters::from_vector(own, 0.0));
+            k.copy_from_slice(&plain.to_vector());
+        }
     }
 
     fn predict(
