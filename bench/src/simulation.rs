@@ -152,9 +152,9 @@ mod tests {
         let (plain, values) = form(&[("k1", 10.0), ("k2", 12.0), ("phi_c", 30.0)]).expect("the library's form");
         assert_eq!((plain.header().parameters.len(), &values[..]), (3, &[10.0, 12.0, 30.0][..]));
         let (general, values) =
-            form(&[("n", 1.5), ("e", 0.0), ("c", 0.0), ("k1", 10.0), ("k2", 12.0), ("phi_c", 30.0)])
+            form(&[("n", 1.5), ("e", 0.0), ("c", 0.0), ("b", 0.02), ("k1", 10.0), ("k2", 12.0), ("phi_c", 30.0)])
                 .expect("the general form");
-        assert_eq!((general.header().id, &values[..]), ("end_stop", &[10.0, 12.0, 30.0, 1.5, 0.0, 0.0][..]));
+        assert_eq!((general.header().id, &values[..]), ("end_stop", &[10.0, 12.0, 30.0, 1.5, 0.0, 0.0, 0.02][..]));
         let error = form(&[("n", 1.5), ("k1", 10.0), ("k2", 10.0)]).expect_err("an angle is missing").to_string();
         assert!(error.contains("\"phi_c\"") && error.contains("n (1)"), "{error}");
         let error = form(&[("N", 1.5), ("k1", 10.0), ("k2", 10.0), ("phi_c", 30.0)])

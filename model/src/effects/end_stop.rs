@@ -41,8 +41,8 @@ impl Law for EndStop {
     };
     const REFINED: Option<Refined> = Some(Refined {
         effect: &Progressive,
-        neutral: &[1.0, 0.0, 0.0],
-        starts: &[&[1.5, 0.0, 0.0], &[2.0, 0.0, 0.0], &[1.0, 0.0, 0.5]],
+        neutral: &[1.0, 0.0, 0.0, 0.02],
+        starts: &[&[1.5, 0.0, 0.0, 0.01], &[2.0, 0.0, 0.0, 0.01], &[10.0, 0.0, 0.0, 0.06], &[1.0, 0.0, 0.5, 0.02]],
     });
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
@@ -56,30 +56,40 @@ struct Progressive;
 /// Depth at which a progressive contact presses as hard as a linear one, rad.
 const USUAL_DEPTH_RAD: f64 = 0.05;
 
+impl Progressive {
+    /// Depth (rad) at which a linear contact presses as hard as this one does at `depth_rad`: a power `n` of the depth beyond some `b` (rad), and near an
+    /// exponential function of `depth_rad/b` where `n` is large.
+    fn linear_depth_rad<S: Scalar>(depth_rad: S, n: S, b: S) -> S {
+        let by = |depth: S| (depth / (n * b) + 1.0).powf(n) - 1.0;
+        by(depth_rad) / by(S::constant(USUAL_DEPTH_RAD)) * USUAL_DEPTH_RAD
+    }
+}
+
 impl Law for Progressive {
     const HEADER: Header = Header {
-        equation: "M -= k1*f(phi - phi_c - e) - k2*f(-phi - phi_c + e), f(d) = d_0*(d/d_0)^n*max(0, 1 + c*d') for d > 0, its corner rounded over 0.002 rad, d_0 = 0.05 rad",
-        validity: "n = 1.5 for two rounded bodies; a loss that grows with the force (Hunt and Crossley), so the contact never pulls; no force within 1e-9 rad of the rounded corner, where a power has no slope",
-        literature: "Johnson, Contact Mechanics, 1985; Hunt, Crossley, J. Appl. Mech. 42 (1975) 440",
+        equation: "M -= k1*f(phi - phi_c - e) - k2*f(-phi - phi_c + e), f(d) = d_0*s(d)/s(d_0)*max(0, 1 + c*d') for d > 0, s(d) = (1 + d/(n*b))^n - 1, its corner rounded over 0.002 rad, d_0 = 0.05 rad",
+        validity: "n = 1 linear; b far below d: a power of d, n = 1.5 for two rounded bodies; n large: exponential over b, as rubber; a loss that grows with the force (Hunt and Crossley), so the contact never pulls; no force within 1e-9 rad of the rounded corner",
+        literature: "Johnson, Contact Mechanics, 1985; Freakley, Payne, Theory and Practice of Engineering with Rubber, 1978 (buffers that stiffen); Hunt, Crossley, J. Appl. Mech. 42 (1975) 440",
         parameters: &[
             EndStop::HEADER.parameters[0],
             EndStop::HEADER.parameters[1],
             EndStop::HEADER.parameters[2],
-            Parameter { name: "n", unit: "1", lower: 0.8, upper: 4.0, typical: 1.5, size: false },
+            Parameter { name: "n", unit: "1", lower: 0.8, upper: 30.0, typical: 1.5, size: false },
             Parameter { name: "e", unit: "deg", lower: -15.0, upper: 15.0, typical: 2.0, size: false },
             Parameter { name: "c", unit: "s/rad", lower: 0.0, upper: 5.0, typical: 0.3, size: false },
+            Parameter { name: "b", unit: "rad", lower: 0.003, upper: 0.5, typical: 0.02, size: false },
         ],
         starts: &[
-            &[5.0, 5.0, 24.0, 2.0, 0.0, 0.0],
-            &[5.0, 5.0, 29.0, 2.0, 0.0, 0.0],
-            &[20.0, 20.0, 33.0, 2.0, 0.0, 0.0],
+            &[5.0, 5.0, 24.0, 2.0, 0.0, 0.0, 0.01],
+            &[5.0, 5.0, 29.0, 2.0, 0.0, 0.0, 0.01],
+            &[20.0, 20.0, 33.0, 2.0, 0.0, 0.0, 0.01],
         ],
         ..EndStop::HEADER
     };
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         press([k[0], k[1]], [k[2] + k[4], k[2] - k[4]], port, |depth, speed| {
-            (depth / USUAL_DEPTH_RAD).powf(k[3]) * USUAL_DEPTH_RAD * (k[5] * speed + 1.0).at_least(0.0)
+            Self::linear_depth_rad(depth, k[3], k[6]) * (k[5] * speed + 1.0).at_least(0.0)
         });
     }
 }
@@ -97,7 +107,6 @@ fn press<S: Scalar>(k: [S; 2], phi_c_deg: [S; 2], port: &mut Port<'_, S>, force:
             } else {
                 depth
             };
-            // a power has no slope at 0
             if pressed.value() > 1e-9 {
                 m.torque_nm -= k[end] * force(pressed, m.velocity_rad_s * side) * side;
             }

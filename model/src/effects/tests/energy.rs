@@ -191,7 +191,7 @@ fn a_stop_with_a_loss_keeps_a_part_of_every_push_and_never_pulls() {
             let phase = turn * (f64::from(i) + 0.5) * step;
             let (angle, w) = (contact + 0.05 * phase.sin(), 0.05 * turn * phase.cos());
             let mut m = MechanicalPort::at(1.0, side * angle, side * w);
-            stop.act_value(&[40.0, 40.0, 30.0, 1.5, 0.0, c], &[], &mut [], &mut Port::Mechanical(&mut m));
+            stop.act_value(&[40.0, 40.0, 30.0, 1.5, 0.0, c, 0.01], &[], &mut [], &mut Port::Mechanical(&mut m));
             let against = -side * m.torque_nm;
             assert!(against >= 0.0, "it pulls");
             work += against * w * step;

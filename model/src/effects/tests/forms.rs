@@ -68,15 +68,25 @@ fn alike(a: f64, b: f64) {
 }
 
 #[test]
-fn a_contact_presses_with_its_power_as_a_linear_one_at_the_usual_depth_at_either_end() {
-    let of = |n: f64, e: f64, c: f64| [10.0, 10.0, 30.0, n, e, c];
-    let at = |depth_rad: f64, n: f64| torque("end_stop", &of(n, 0.0, 0.0), 30f64.to_radians() + depth_rad, 0.0);
-    for n in [0.8, 1.0, 1.5, 2.0, 4.0] {
-        alike(at(0.05, n), -10.0 * 0.05);
-        alike(at(0.1, n) / at(0.05, n), 2f64.powf(n));
-        assert_eq!(at(-0.01, n), 0.0, "before it touches");
+fn a_contact_presses_as_a_linear_one_at_the_usual_depth_at_either_end() {
+    let of = |n: f64, e: f64, c: f64| [10.0, 10.0, 30.0, n, e, c, 0.02];
+    let at = |depth_rad: f64, n: f64, b: f64| {
+        torque("end_stop", &[10.0, 10.0, 30.0, n, 0.0, 0.0, b], 30f64.to_radians() + depth_rad, 0.0)
+    };
+    for n in [0.8, 1.0, 1.5, 2.0, 4.0, 30.0] {
+        for b in [0.003, 0.02, 0.5] {
+            alike(at(0.05, n, b), -10.0 * 0.05);
+            assert_eq!(at(-0.01, n, b), 0.0, "before it touches");
+        }
         assert_eq!(torque("end_stop", &of(n, 0.0, 0.0), -0.6, 0.0), -torque("end_stop", &of(n, 0.0, 0.0), 0.6, 0.0));
     }
+    // linear; a power far beyond b; exponential over b
+    alike(at(0.1, 1.0, 0.003) / at(0.05, 1.0, 0.5), 2.0);
+    for n in [0.8, 1.5, 3.0] {
+        alike(at(800.0, n, 0.003) / at(400.0, n, 0.003), 2f64.powf(n));
+    }
+    let grows = at(0.11, 30.0, 0.05) / at(0.01, 30.0, 0.05);
+    assert!((grows / (2.2f64.exp_m1() / 0.2f64.exp_m1()) - 1.0).abs() < 0.1, "{grows}");
     // the positive end 3 degrees later, the negative one 3 degrees sooner
     let sooner = |degrees: f64| torque("end_stop", &of(1.0, 3.0, 0.0), degrees.to_radians(), 0.0);
     assert_eq!(sooner(32.0), 0.0);
