@@ -28,9 +28,9 @@ pub fn refined(problem: &Problem, found: Fit, added: &[&str], effort: Effort, be
         let own = best.layout.first_of(n)..best.layout.first_of(n + 1);
         let plain = &best.point.theta[own];
         // from the form that was found, and from those that such effects have
-        let bent = form.starts.iter().map(|own| [plain, own].concat());
-        let starts = bent.chain(form.effect.header().starts.iter().map(|s| s.to_vec()));
-        let mut costly: Vec<(f64, Layout, Point)> = starts
+        let mut costly: Vec<(f64, Layout, Point)> = form
+            .all_starts(plain)
+            .into_iter()
             .map(|values| {
                 let (layout, point) = with_form(&best, n, &values);
                 (problem.cost(&layout, &point), layout, point)

@@ -27,7 +27,7 @@ impl Law for CrossLeakage {
         passive: true,
     };
     const REFINED: Option<Refined> =
-        Some(Refined { effect: &AnyPower, neutral: &[0.5, 2.0], starts: &[&[0.7, 2.0], &[0.5, 0.7]] });
+        Some(Refined { effect: &AnyPower, neutral: &[0.5, 2.0], starts: &[&[0.7, 2.0], &[0.5, 0.7]], away: &[] });
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Hydraulic(h) = port

@@ -41,6 +41,7 @@ impl Law for ElasticHysteresis {
             &[2.0, 0.75, 0.7, 0.1, 4.0],
             &[4.0, 1.0, 1.0, 0.0, 5.0],
         ],
+        away: &[],
     });
 
     fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {

@@ -26,8 +26,12 @@ impl Law for ExternalLeakage {
         starts: &[&[0.002, 0.0], &[0.0, 0.002], &[0.002, 0.002], &[0.05, 0.0], &[0.0, 0.05]],
         passive: true,
     };
-    const REFINED: Option<Refined> =
-        Some(Refined { effect: &AnyPower, neutral: &[1.0, 0.01, 2.0], starts: &[&[0.6, 0.01, 2.0], &[0.5, 0.3, 1.0]] });
+    const REFINED: Option<Refined> = Some(Refined {
+        effect: &AnyPower,
+        neutral: &[1.0, 0.01, 2.0],
+        starts: &[&[0.6, 0.01, 2.0], &[0.5, 0.3, 1.0]],
+        away: &[],
+    });
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Hydraulic(h) = port {

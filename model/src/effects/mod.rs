@@ -102,8 +102,24 @@ pub struct Refined {
     pub effect: &'static dyn Effect,
     /// Values of its own parameters at which it is the library's form.
     pub neutral: &'static [f64],
-    /// Values of its own parameters from which it is fitted.
+    /// Values of its own parameters from which it is fitted, those of the library's form being as they were found.
     pub starts: &'static [&'static [f64]],
+    /// Starts where a form of another kind has them elsewhere: factors of what was found, and its own values.
+    pub away: &'static [(&'static [f64], &'static [f64])],
+}
+
+impl Refined {
+    /// Every place from which it is fitted, given the `found` values of the library's form: values in the order of the general form's header, within its bounds.
+    pub fn all_starts(&self, found: &[f64]) -> Vec<Vec<f64>> {
+        let bent = self.starts.iter().map(|own| [found, own].concat());
+        let bounds = self.effect.header().parameters;
+        let away = self.away.iter().map(|(factors, own)| {
+            let moved =
+                found.iter().zip(*factors).zip(bounds).map(|((v, factor), p)| (v * factor).clamp(p.lower, p.upper));
+            moved.chain(own.iter().copied()).collect()
+        });
+        bent.chain(away).chain(self.effect.header().starts.iter().map(|s| s.to_vec())).collect()
+    }
 }
 
 /// The balance of the plant that an effect disturbs.

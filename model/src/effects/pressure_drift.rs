@@ -34,7 +34,8 @@ impl Law for PressureDrift {
         passive: false,
     };
 
-    const REFINED: Option<Refined> = Some(Refined { effect: &GoingOn, neutral: &[0.0], starts: &[&[1.0], &[0.3]] });
+    const REFINED: Option<Refined> =
+        Some(Refined { effect: &GoingOn, neutral: &[0.0], starts: &[&[1.0], &[0.3]], away: &[] });
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         shift(k, port, |time| settled(time));

@@ -25,8 +25,12 @@ impl Law for PressureFriction {
         starts: &[&[0.03, 0.02], &[0.4, 0.02], &[1.0, 0.05]],
         passive: true,
     };
-    const REFINED: Option<Refined> =
-        Some(Refined { effect: &Lubricated, neutral: &[1.0, 0.0], starts: &[&[1.0, 0.9], &[1.0, 0.4], &[0.6, 0.0]] });
+    const REFINED: Option<Refined> = Some(Refined {
+        effect: &Lubricated,
+        neutral: &[1.0, 0.0],
+        starts: &[&[1.0, 0.9], &[1.0, 0.4], &[0.6, 0.0]],
+        away: &[],
+    });
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Mechanical(m) = port {

@@ -26,8 +26,12 @@ impl Law for PressureLag {
         starts: &[&[0.005, 0.0], &[0.0, 0.005], &[0.005, 0.005], &[0.05, 0.0], &[0.0, 0.05], &[0.2, 0.2]],
         passive: false,
     };
-    const REFINED: Option<Refined> =
-        Some(Refined { effect: &SecondOrder, neutral: &[0.0, 0.0], starts: &[&[0.2, 0.0], &[0.5, 0.0], &[0.05, 0.5]] });
+    const REFINED: Option<Refined> = Some(Refined {
+        effect: &SecondOrder,
+        neutral: &[0.0, 0.0],
+        starts: &[&[0.2, 0.0], &[0.5, 0.0], &[0.05, 0.5]],
+        away: &[],
+    });
 
     fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Sensor(s) = port {

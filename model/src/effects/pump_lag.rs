@@ -23,8 +23,12 @@ impl Law for PumpLag {
         starts: &[&[0.004], &[0.02], &[0.08]],
         passive: false,
     };
-    const REFINED: Option<Refined> =
-        Some(Refined { effect: &Ramped, neutral: &[0.0, 0.0], starts: &[&[0.2, 0.01], &[0.8, 0.01], &[0.2, 0.2]] });
+    const REFINED: Option<Refined> = Some(Refined {
+        effect: &Ramped,
+        neutral: &[0.0, 0.0],
+        starts: &[&[0.2, 0.01], &[0.8, 0.01], &[0.2, 0.2]],
+        away: &[],
+    });
 
     fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Actuator(a) = port {

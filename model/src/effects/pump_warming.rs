@@ -25,7 +25,8 @@ impl Law for PumpWarming {
         starts: &[&[0.01, 15.0], &[0.01, 60.0], &[0.03, 250.0], &[0.3, 30.0], &[0.5, 120.0]],
         passive: true,
     };
-    const REFINED: Option<Refined> = Some(Refined { effect: &OtherPace, neutral: &[0.0], starts: &[&[1.0], &[-0.9]] });
+    const REFINED: Option<Refined> =
+        Some(Refined { effect: &OtherPace, neutral: &[0.0], starts: &[&[1.0], &[-0.9]], away: &[] });
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Line(l) = port {

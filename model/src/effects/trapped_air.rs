@@ -26,7 +26,7 @@ impl Law for TrappedAir {
         passive: true,
     };
     const REFINED: Option<Refined> =
-        Some(Refined { effect: &Dissolving, neutral: &[0.0, 10.0], starts: &[&[0.1, 10.0], &[0.1, 1.0]] });
+        Some(Refined { effect: &Dissolving, neutral: &[0.0, 10.0], starts: &[&[0.1, 10.0], &[0.1, 1.0]], away: &[] });
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Hydraulic(h) = port {

@@ -49,6 +49,7 @@ impl<V: Valve> Law for Late<V> {
         effect: &Overlapped::<V>(PhantomData),
         neutral: &[0.0, 0.0],
         starts: &[&[0.1, 0.0], &[0.3, 0.0], &[0.45, 0.0], &[0.0, 0.7]],
+        away: &[],
     });
 
     fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {

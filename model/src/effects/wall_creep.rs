@@ -28,7 +28,7 @@ impl Law for WallCreep {
         passive: true,
     };
     const REFINED: Option<Refined> =
-        Some(Refined { effect: &TwoBranches, neutral: &[0.0, 5.0], starts: &[&[0.5, 5.0], &[0.5, 0.2]] });
+        Some(Refined { effect: &TwoBranches, neutral: &[0.0, 5.0], starts: &[&[0.5, 5.0], &[0.5, 0.2]], away: &[] });
 
     fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Hydraulic(h) = port {

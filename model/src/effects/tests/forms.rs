@@ -14,10 +14,16 @@ fn a_refined_form_is_the_library_s_at_its_neutral_values() {
         let (same, own) = general.parameters.split_at(plain.parameters.len());
         assert!(same.iter().zip(plain.parameters).all(|(a, b)| a.name == b.name), "{}", plain.id);
         assert!(own.iter().all(|p| !p.size), "{}: a form alone does nothing", plain.id);
-        for own_values in refined.starts.iter().chain([&refined.neutral]) {
-            assert_eq!(own_values.len(), own.len(), "{}", plain.id);
-            let within = |(p, v): (&Parameter, &f64)| (p.lower..=p.upper).contains(v);
-            assert!(own.iter().zip(*own_values).all(within), "{}", plain.id);
+        let within = |(p, v): (&Parameter, &f64)| (p.lower..=p.upper).contains(v);
+        assert!(own.len() == refined.neutral.len() && own.iter().zip(refined.neutral).all(within), "{}", plain.id);
+        assert!(refined.away.iter().all(|(factors, _)| factors.len() == same.len()), "{}", plain.id);
+        for found in plain.starts {
+            let all = refined.all_starts(found);
+            assert_eq!(all.len(), refined.starts.len() + refined.away.len() + general.starts.len());
+            for start in all {
+                assert_eq!(start.len(), general.parameters.len(), "{}", plain.id);
+                assert!(general.parameters.iter().zip(&start).all(within), "{}: {start:?}", plain.id);
+            }
         }
         assert!(find_form(plain.id, |name| name == own[0].name).is_some_and(|e| std::ptr::eq(e.header(), general)));
         assert!(find_form(plain.id, |name| name == same[0].name).is_some_and(|e| std::ptr::eq(e.header(), plain)));
