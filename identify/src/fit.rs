@@ -89,6 +89,7 @@ pub fn fit_from(
     let mut growth = 2.0;
     let mut converged = false;
     let mut creeping = 0;
+    let mut may_hold = true;
     'outer: for iteration in 0..effort.iterations {
         let pieces = match known.take() {
             Some(pieces) => pieces,
@@ -157,12 +158,15 @@ pub fn fit_from(
             if trial_cost < cost {
                 let gain = (cost - trial_cost) / predicted.max(1e-300);
                 let relative = (cost - trial_cost) / cost;
+                // with the shapes held it is at its minimum: now they move, however little
+                let without_shapes = held != active;
+                may_hold = !without_shapes || cost - trial_cost > HARDLY * worth;
                 point = trial;
                 cost = trial_cost;
                 known = trial_pieces;
                 damping = (damping * (1.0 - (2.0 * gain - 1.0).powi(3)).max(0.1)).max(1e-9);
                 growth = 2.0;
-                if relative < effort.tolerance && enough.is_infinite() {
+                if relative < effort.tolerance && enough.is_infinite() && !without_shapes {
                     converged = true;
                     break 'outer;
                 }
@@ -173,7 +177,7 @@ pub fn fit_from(
                 break;
             }
             rejected += 1;
-            if rejected == REJECTED && held_shapes(&mut held, layout) {
+            if may_hold && rejected == REJECTED && held_shapes(&mut held, layout) {
                 damping = before;
                 continue;
             }
@@ -203,6 +207,9 @@ fn misfit(problem: &Problem, cost: f64) -> f64 {
 /// After so many steps that lead nowhere the shapes of effects are held for this one: how a gap closes within a millisecond, say, has slopes
 /// that no step of the integration resolves, and they spoil the step of everything else.
 const REJECTED: usize = 2;
+
+/// A step with the shapes held that gains less than so many times what ends a fit: at the next one they are not held.
+const HARDLY: f64 = 10.0;
 
 /// Holds the effects' shapes; false where all of them are held already.
 fn held_shapes(held: &mut [bool], layout: &Layout) -> bool {
@@ -274,4 +281,29 @@ pub fn covariance(matrix: &DMatrix<f64>) -> DMatrix<f64> {
             0.0
         }
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::common::{dynamic, layout, problem};
+    use model::Parameters;
+    use model::effects::find;
+
+    #[test]
+    fn a_fit_does_not_end_where_its_shapes_were_held() {
+        let mut truth = Parameters::example();
+        truth.pump.f1 *= 4.0;
+        let rubber = find("end_stop").and_then(|e| e.refined()).unwrap().effect;
+        let values = [6.0, 6.0, 18.0, 10.0, 0.0, 0.0, 0.06];
+        let runs = [7, 8].map(|seed| dynamic(&truth, Some((rubber, values.to_vec())), 20.0, seed));
+        let (problem, layout) = (problem(&runs), layout(&truth));
+        // a contact that begins late and is hard from there on: bold steps of its shapes lead nowhere
+        let start = [&layout.vector_of(&truth)[..], &[20.0, 20.0, 24.0, 1.5, 0.0, 0.0, 0.01]].concat();
+        let effort = Effort { iterations: 60, tolerance: 1e-4, ..Effort::default() };
+        let found = fit(&problem, &layout.with(rubber), problem.point(start), effort).unwrap();
+        let targets = problem.targets() as f64;
+        assert!(found.cost < 1.02 * targets, "{} {:?}", found.cost / targets, &found.point.theta[layout.len()..]);
+        assert!((found.point.theta[layout.len() + 2] - 18.0).abs() < 0.1);
+    }
 }
