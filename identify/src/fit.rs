@@ -183,6 +183,10 @@ pub fn fit_from(
             }
             damping *= growth;
             growth *= 2.0;
+            if !may_hold {
+                // the shapes spoil a bold step: on the way to a small one the dampings between are not tried
+                damping = damping.max(TIMID);
+            }
             if predicted + of_initial < worth || damping > 1e10 {
                 converged = true;
                 known = Some(pieces);
@@ -210,6 +214,9 @@ const REJECTED: usize = 2;
 
 /// A step with the shapes held that gains less than so many times what ends a fit: at the next one they are not held.
 const HARDLY: f64 = 10.0;
+
+/// Damping from which steps are tried in which shapes that spoil a bold one move.
+const TIMID: f64 = 1e-4;
 
 /// Holds the effects' shapes; false where all of them are held already.
 fn held_shapes(held: &mut [bool], layout: &Layout) -> bool {

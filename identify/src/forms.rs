@@ -8,8 +8,8 @@ use crate::problem::{Point, Problem};
 /// Share of the cost that a general form leaves at most where it is to be taken without a further judge.
 pub const CLEARLY: f64 = 0.98;
 
-/// So many starts that cost least are followed,
-const FOLLOWED: usize = 4;
+/// So many starts that cost least are followed where something is left that a form may take,
+pub const FOLLOWED: usize = 4;
 /// if they cost at most so many times what the cheapest does,
 const FURTHER: f64 = 100.0;
 /// a few steps, which tell which of them leads down.
@@ -19,8 +19,8 @@ const FEW: Effort = Effort { iterations: 3, tolerance: 1e-3, promise: f64::INFIN
 const BEHIND: f64 = 5.0;
 
 /// The fit, or one that leaves at most the share `better` of its cost, in which those of these effects that have a general form carry it, brought to its
-/// minimum with this effort. Effects that a model had before keep theirs.
-pub fn refined(problem: &Problem, found: Fit, added: &[&str], effort: Effort, better: f64) -> Fit {
+/// minimum with this effort. Of the starts of each the `followed` that cost least are. Effects that a model had before keep theirs.
+pub fn refined(problem: &Problem, found: Fit, added: &[&str], followed: usize, effort: Effort, better: f64) -> Fit {
     let mut best = found;
     for n in 0..best.layout.effects.len() {
         let form = best.layout.effects[n].refined().filter(|form| added.contains(&form.effect.header().id));
@@ -39,8 +39,8 @@ pub fn refined(problem: &Problem, found: Fit, added: &[&str], effort: Effort, be
             .collect();
         costly.sort_by(|a, b| a.0.total_cmp(&b.0));
         let most = costly.first().map_or(0.0, |(cost, ..)| FURTHER * cost);
-        let followed = costly.into_iter().take(FOLLOWED).filter(|(cost, ..)| *cost <= most);
-        let led = followed.filter_map(|(_, layout, point)| fit(problem, &layout, point, FEW).ok());
+        let few = costly.into_iter().take(followed).filter(|(cost, ..)| *cost <= most);
+        let led = few.filter_map(|(_, layout, point)| fit(problem, &layout, point, FEW).ok());
         let lowest = led.min_by(|a, b| a.cost.total_cmp(&b.cost));
         let Some(led) = lowest.filter(|led| led.cost < BEHIND * best.cost) else { continue };
         if let Ok(general) = fit(problem, &led.layout, led.point, effort)
@@ -81,9 +81,9 @@ mod tests {
         theta.extend([10.0, 10.0, 30.0, 1.0, 2.0]);
         let point = Point { theta, initial: Vec::new() };
         let fit = Fit { layout, point, cost: 1.0, converged: true };
-        let (layout, point) = with_form(&fit, 0, &[10.0, 10.0, 30.0, 1.5, 0.0, 0.0]);
-        assert_eq!(point.theta[base..], [10.0, 10.0, 30.0, 1.5, 0.0, 0.0, 1.0, 2.0]);
-        assert_eq!(layout.held, [base + 2, base + 6].into(), "of the air's sizes the first");
+        let (layout, point) = with_form(&fit, 0, &[10.0, 10.0, 30.0, 1.5, 0.0, 0.0, 0.02]);
+        assert_eq!(point.theta[base..], [10.0, 10.0, 30.0, 1.5, 0.0, 0.0, 0.02, 1.0, 2.0]);
+        assert_eq!(layout.held, [base + 2, base + 7].into(), "of the air's sizes the first");
         assert_eq!(layout.names()[base + 3], "end_stop.n");
         assert_eq!(layout.len(), point.theta.len());
     }

@@ -23,8 +23,9 @@ fn a_shape_far_from_its_place_is_found_by_trial() {
         let mut point = problem.point(layout(&truth).vector_of(&truth));
         point.theta.extend(start);
         let targets = problem.targets() as f64;
-        let stuck = fit(&problem, &with, point, Effort::default()).unwrap();
-        assert!(stuck.cost > 1.3 * targets, "{id}: no slope leads there: {}", stuck.cost / targets);
+        let in_its_shape = fit(&problem, &shapes::held(&with), point, Effort::default()).unwrap();
+        let stuck = Fit { layout: with, ..in_its_shape };
+        assert!(stuck.cost > 1.3 * targets, "{id}: no size leads there: {}", stuck.cost / targets);
         let found = shapes::search(&problem, stuck, Effort::default());
         assert!(found.cost < 1.1 * targets, "{id}: {}", found.cost / targets);
         let values = &found.point.theta[found.layout.first_of(0)..];
@@ -81,9 +82,10 @@ fn takes(id: &str, start: &[f64], sealed: &[&[f64]]) {
         point.theta.extend(start);
         let found = fit(&problem, &layout(&truth).with(plain), point, Effort::default()).unwrap();
         let targets = problem.targets() as f64;
-        let kept = forms::refined(&problem, found.clone(), &[], Effort::default(), forms::CLEARLY);
+        let kept = forms::refined(&problem, found.clone(), &[], forms::FOLLOWED, Effort::default(), forms::CLEARLY);
         assert_eq!(kept.point.theta, found.point.theta, "what was not added is left alone");
-        let refined = forms::refined(&problem, found.clone(), &[id], Effort::default(), forms::CLEARLY);
+        let refined =
+            forms::refined(&problem, found.clone(), &[id], forms::FOLLOWED, Effort::default(), forms::CLEARLY);
         assert!(refined.cost < 1.1 * targets, "{values:?}: {} from {}", refined.cost / targets, found.cost / targets);
         let own = &refined.point.theta[refined.layout.first_of(0)..];
         assert_eq!(own.len(), values.len(), "{own:?}");

@@ -91,7 +91,7 @@ pub(super) fn refit_all(
     let gain = before - out.first().map_or(before, |r| r.fit.cost.min(beside));
     for r in out.iter_mut().take(SHAPED).filter(|r| before - r.fit.cost > HALF * gain) {
         if a_form_may_tell(problem, &r.fit) {
-            r.fit = forms::refined(problem, r.fit.clone(), &r.added, GENERAL.effort(), forms::CLEARLY);
+            r.fit = forms::refined(problem, r.fit.clone(), &r.added, forms::FOLLOWED, GENERAL.effort(), forms::CLEARLY);
         }
         if r.led.is_none() && !is_noise(problem, &r.fit) {
             r.fit = shapes::search(problem, r.fit.clone(), HEATS[2].effort());

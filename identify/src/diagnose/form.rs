@@ -1,16 +1,20 @@
 //! The form of what is named, at the end.
 //!
 //! A name is compared in the library's form, and in a general one where that leaves more than noise. Once the names stand, the general forms are asked for
-//! whatever is left: what does not show in the runs that were fitted may be much in others.
+//! whatever is left: what does not show in the runs that were fitted may be much in others. There one start has to do.
 
 use model::integrate::SimulationError;
 
-use super::PREFERRED;
 use super::compare::{GENERAL, to_the_end};
 use super::search::{HELD, Name, Search, Step};
+use super::{CONSISTENT, PREFERRED};
 use crate::fit::fit;
-use crate::forms::refined;
+use crate::forms::{FOLLOWED, refined};
+use crate::misfit::{self, Part};
 use crate::refit::advantage;
+
+/// Structured residual of a fit (noise floors) that may be a form's where the lever is free: a third of what matters.
+const HINT: f64 = 0.03;
 
 /// What a form's parameters, two or three more, take of the cost by chance alone (with probability 0.99): such a form is not asked any further.
 const CHANCE: f64 = 11.0;
@@ -19,9 +23,15 @@ impl Search<'_> {
     /// The step with each of its names in its general form where that fits the runs better, and data that were left out.
     pub fn in_best_form(&self, step: Step) -> Result<Step, SimulationError> {
         let mut best = step;
+        // where angle or pressures are inputs their errors leave something in any case
+        let (free, led): (Vec<Part>, _) =
+            misfit::parts_left_by(self.problem, &best.fit)?.into_iter().partition(|part| part.free);
+        let (free, led) = (misfit::largest(&free), misfit::largest(&led));
+        tracing::debug!(free, led, "what may be a form's");
+        let followed = if free >= HINT || led >= CONSISTENT { FOLLOWED } else { 1 };
         let ids: Vec<&'static str> = best.ids().into_iter().collect();
         for id in ids {
-            let general = refined(self.problem, best.fit.clone(), &[id], GENERAL.effort(), 1.0);
+            let general = refined(self.problem, best.fit.clone(), &[id], followed, GENERAL.effort(), 1.0);
             if general.layout.len() == best.fit.layout.len() || best.fit.cost - general.cost < CHANCE {
                 continue;
             }

@@ -7,7 +7,7 @@ use super::search::{Found, Search, is_gross};
 use super::{LOST, MATERIAL};
 use crate::false_minimum::left_behind;
 use crate::fit::{Effort, FAR, Fit, fit};
-use crate::forms::{CLEARLY, refined};
+use crate::forms::{CLEARLY, FOLLOWED, refined};
 use crate::misfit;
 use crate::problem::{Point, Problem};
 
@@ -68,7 +68,7 @@ impl Search<'_> {
         let before: Vec<&str> = current.layout.effects.iter().map(|e| e.header().id).collect();
         let added: Vec<&str> =
             fit.layout.effects.iter().map(|e| e.header().id).filter(|id| !before.contains(id)).collect();
-        let general = refined(self.problem, fit.clone(), &added, GENERAL.effort(), CLEARLY);
+        let general = refined(self.problem, fit.clone(), &added, FOLLOWED, GENERAL.effort(), CLEARLY);
         if general.layout.len() == fit.layout.len() {
             return None;
         }
