@@ -63,7 +63,7 @@ fn a_general_form_is_known_as_such_and_one_with_a_memory_is_not_used() {
         let known = KnownEffects::of(&model);
         (known.ids().to_vec(), format!("{known:?}"))
     };
-    let contact = [("k1", 10.0), ("k2", 10.0), ("phi_c", 30.0), ("n", 2.0), ("e", 0.0), ("c", 0.0)];
+    let contact = [("k1", 10.0), ("k2", 10.0), ("phi_c", 30.0), ("n", 2.0), ("e", 0.0), ("c", 0.0), ("b", 0.02)];
     assert_eq!(ids("end_stop", &contact).0, ["end_stop"]);
     let creep = [("C_c", 0.3), ("tau", 1.0), ("share", 0.5), ("ratio", 5.0)];
     assert!(ids("wall_creep", &creep).0.is_empty());
