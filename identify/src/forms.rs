@@ -69,11 +69,37 @@ fn with_form(fit: &Fit, n: usize, values: &[f64]) -> (Layout, Point) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::common::{dynamic, layout, problem};
+    use model::Parameters;
     use model::effects::find;
+
+    /// Buffers that stiffen over several depths, none of which is one that its form starts with.
+    #[test]
+    fn a_stop_that_stiffens_exponentially_is_reached_from_a_linear_one() {
+        let mut truth = Parameters::example();
+        // so that the lever comes to its ends
+        truth.pump.f1 *= 4.0;
+        let stop = find("end_stop").unwrap();
+        let rubber = stop.refined().unwrap().effect;
+        for b in [0.03, 0.07, 0.15] {
+            let sealed = vec![6.0, 6.0, 18.0, 20.0, 0.0, 0.0, b];
+            let runs = [7, 8].map(|seed| dynamic(&truth, Some((rubber, sealed.clone())), 20.0, seed));
+            let (problem, base) = (problem(&runs), layout(&truth));
+            let start = [&base.vector_of(&truth)[..], &[10.0, 10.0, 22.0]].concat();
+            let plain = fit(&problem, &base.with(stop), problem.point(start), Effort::default()).unwrap();
+            let general = refined(&problem, plain.clone(), &["end_stop"], FOLLOWED, Effort::default(), CLEARLY);
+            let targets = problem.targets() as f64;
+            assert!(plain.cost > 1.2 * targets, "{b}: {}", plain.cost / targets);
+            // four shapes trade places along a valley: the middle one is reached, of the others most
+            let (most, share) = if b == 0.07 { (1.03, 1.0) } else { (10.0, 0.2) };
+            let left = (general.cost / targets, general.cost / plain.cost);
+            assert!(left.0 < most && left.1 < share, "{b}: {left:?}");
+        }
+    }
 
     #[test]
     fn what_stands_behind_a_form_s_own_parameters_moves_up() {
-        let mut layout = Layout::base(&model::Parameters::example());
+        let mut layout = Layout::base(&Parameters::example());
         let base = layout.len();
         layout.effects = vec![find("end_stop").unwrap(), find("trapped_air").unwrap()];
         layout.held = [base + 2, base + 3].into();

@@ -11,7 +11,7 @@ pub static FORMS: &[(&str, &dyn Effect)] = &[
     ("elastic_hysteresis", &StickSlip),
     ("stribeck_friction", &StribeckLogistic),
     ("pressure_friction", &PressureFrictionRational),
-    ("end_stop", &EndStopExponential),
+    ("end_stop", &EndStopPadded),
     ("wall_creep", &WallCreepThreeTimes),
     ("cross_leakage", &CrossLeakageGap),
     ("external_leakage", &ExternalLeakageGap),
@@ -160,28 +160,31 @@ impl Law for PressureFrictionRational {
     }
 }
 
-/// Depth over which a rubber buffer stiffens, rad.
-const BUFFER_RAD: f64 = 0.06;
+/// Depth at which a pad is pressed flat, rad.
+const PAD_RAD: f64 = 0.08;
+/// Stiffness of what is behind the pad, in terms of the pad's.
+const BEHIND_PAD: f64 = 4.0;
 
-/// A rubber buffer, which stiffens exponentially with its depth.
-struct EndStopExponential;
+/// A pad before a harder stop: the stiffness has a step in it.
+struct EndStopPadded;
 
-impl Law for EndStopExponential {
+impl Law for EndStopPadded {
     const HEADER: Header = header(
-        "end_stop_exponential",
+        "end_stop_padded",
         Balance::Torque,
         &[PortKind::Mechanical],
-        "M -= k*d_b*(exp(d/d_b) - 1)*sign(phi), d = max(0, abs(phi) - phi_c), d_b = 0.06 rad",
+        "M -= k*(d + 4*max(0, d - 0.08 rad))*sign(phi), d = max(0, abs(phi) - phi_c)",
         &[size("k", "Nm/rad", 500.0, 10.0), shape("phi_c", "deg", 15.0, 60.0, 30.0)],
         0,
-        &[&[2.0, 24.0], &[6.0, 27.0], &[6.0, 32.0]],
+        &[&[4.0, 24.0], &[10.0, 27.0], &[10.0, 32.0]],
     );
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Mechanical(m) = port {
             let depth = (m.angle_rad.abs() - k[1] * (std::f64::consts::PI / 180.0)).at_least(0.0);
+            let behind = (depth - PAD_RAD).at_least(0.0) * BEHIND_PAD;
             let sign = if m.angle_rad.value() < 0.0 { -1.0 } else { 1.0 };
-            m.torque_nm -= k[0] * ((depth / BUFFER_RAD).exp() - 1.0) * BUFFER_RAD * sign;
+            m.torque_nm -= k[0] * (depth + behind) * sign;
         }
     }
 }

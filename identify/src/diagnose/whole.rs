@@ -87,10 +87,10 @@ impl Search<'_> {
             return Ok(reached);
         }
         let unbent = reached.layout.unbent(&reached.point.theta);
-        let mut led = match unbent == reached.point.theta {
-            true => reached.clone(),
-            false => left_behind(self.problem, reached.clone(), &unbent),
-        };
+        let mut led = reached.clone();
+        if unbent != led.point.theta {
+            led = left_behind(self.problem, led, &unbent);
+        }
         if led.cost >= reached.cost || leaves_more(&led)? {
             let mut afar = led.point.theta.clone();
             afar[..self.component.len()].copy_from_slice(self.component);
@@ -217,7 +217,8 @@ mod tests {
         let truth = Parameters::example();
         let friction = find("pressure_friction").unwrap();
         let runs = [7, 8, 9].map(|seed| dynamic(&truth, Some((friction, vec![1.2, 0.025])), 12.0, seed));
-        let (problem, layout) = (problem(&runs), layout(&truth));
+        let (problem, mut layout) = (problem(&runs), layout(&truth));
+        layout.base.insert(0, model::parameters::index::L1);
         let component = layout.vector_of(&truth);
         let bent = fit(&problem, &layout, problem.point(component.clone()), Effort::default()).unwrap();
         let named = layout.with(friction);
@@ -235,7 +236,9 @@ mod tests {
         let stuck = (1..=20).map(|n| astray(0.05 * f64::from(n))).find(|fit| fit.cost > 2.0 * targets).unwrap();
         assert!(stuck.cost < FAR * targets, "{}", stuck.cost / targets);
         // the other start is not what leads it here
-        let nowhere: Vec<f64> = component.iter().map(|v| 1.5 * v).collect();
+        let nowhere: Vec<f64> = component.iter().map(|v| -v).collect();
+        let from_nowhere = [&nowhere[..], &[1.2, 0.025]].concat();
+        assert_eq!(left_behind(&problem, stuck.clone(), &from_nowhere).cost, stuck.cost);
         let search = Search::new(&[], &Declared { problem: &problem, fit: &bent, component: &nowhere }, &|_| ());
         let led = search.sought_from_afar(stuck).unwrap();
         assert!(led.cost < 1.03 * targets, "{}", led.cost / targets);

@@ -95,15 +95,14 @@ fn friction_opposes_the_motion_and_falls_as_its_equation_says() {
 }
 
 #[test]
-fn a_buffer_has_its_stiffness_at_contact_and_twice_of_it_ln_2_deeper() {
+fn a_padded_stop_has_the_pad_s_stiffness_and_five_times_of_it_behind_the_pad_at_either_end() {
     let (k, contact) = ([8.0, 30.0], 30f64.to_radians());
-    let at = |depth: f64| torque(&EndStopExponential, &k, (contact + depth, 0.0), &[], &mut []);
+    let at = |depth: f64| torque(&EndStopPadded, &k, (contact + depth, 0.0), &[], &mut []);
     let slope = |depth: f64| (at(depth + 1e-5) - at(depth - 1e-5)) / 2e-5;
     assert_eq!(at(-1e-6), 0.0);
-    assert!((at(1e-5) / 1e-5 + 8.0).abs() < 0.01);
-    let twice = BUFFER_RAD * 2f64.ln();
-    assert!((slope(twice) / -8.0 - 2.0).abs() < 1e-3, "{}", slope(twice));
-    assert_eq!(torque(&EndStopExponential, &k, (-0.6, 0.0), &[], &mut []), -at(0.6 - contact));
+    assert!((slope(0.04) + 8.0).abs() < 1e-6 && (slope(0.12) + 40.0).abs() < 1e-6);
+    alike(at(PAD_RAD), -8.0 * PAD_RAD);
+    assert_eq!(torque(&EndStopPadded, &k, (-0.6, 0.0), &[], &mut []), -at(0.6 - contact));
 }
 
 #[test]
