@@ -1,9 +1,11 @@
-//! Levenberg-Marquardt on normal equations, within bounds.
+//! Levenberg-Marquardt on normal equations, within bounds, along valleys that bend.
 
 use model::integrate::SimulationError;
 use nalgebra::{DMatrix, DVector};
 
+use crate::bend::{Bend, bend};
 use crate::layout::Layout;
+use crate::normal::Normal;
 use crate::problem::{Piece, Point, Problem};
 
 /// When to stop.
@@ -89,6 +91,8 @@ pub fn fit_from(
     let mut growth = 2.0;
     let mut converged = false;
     let mut creeping = 0;
+    // whether the way is expected to bend
+    let mut look = false;
     let mut may_hold = true;
     'outer: for iteration in 0..effort.iterations {
         let pieces = match known.take() {
@@ -120,17 +124,9 @@ pub fn fit_from(
                 }
                 continue;
             };
-            let mut trial = point.clone();
-            for (v, d) in trial.theta.iter_mut().zip(step.iter()) {
-                *v += d;
-            }
-            clip(&mut trial.theta, &bounds);
-            let taken = DVector::from_iterator(step.len(), trial.theta.iter().zip(&point.theta).map(|(a, b)| a - b));
-            for (initial, d) in trial.initial.iter_mut().zip(normal.initial_step(&taken)) {
-                for (value, d) in initial.iter_mut().zip(d) {
-                    *value += d;
-                }
-            }
+            let of_it = |gradient: &_| damped_step(&normal.matrix, gradient, &held, damping);
+            let bend = look.then(|| bend(problem, layout, (&point, &pieces, &normal), &step, of_it)).flatten();
+            let mut trial = moved(&point, &normal, &step, bend.as_ref(), &bounds);
             let mut trial_pieces = if ahead { problem.linearise(layout, &trial).ok() } else { None };
             let by_stretch = match &trial_pieces {
                 Some(pieces) => problem.cost_by_stretch(pieces, &trial),
@@ -145,7 +141,7 @@ pub fn fit_from(
                 }
             }
             ahead = false;
-            // of the parameters' step; the initial values' own is not damped, and says nothing of the damping
+            // of the parameters' straight step; the initial values' own is not damped, and says nothing of the damping
             let predicted = 2.0 * normal.gradient.dot(&step) - (step.transpose() * &normal.matrix * &step)[(0, 0)];
             let worth = enough.min(effort.tolerance * cost);
             if trial_cost >= cost
@@ -160,12 +156,13 @@ pub fn fit_from(
                 let relative = (cost - trial_cost) / cost;
                 // with the shapes held it is at its minimum: now they move, however little
                 let without_shapes = held != active;
-                may_hold = !without_shapes || cost - trial_cost > HARDLY * worth;
+                may_hold = !without_shapes || relative > HARDLY;
                 point = trial;
                 cost = trial_cost;
                 known = trial_pieces;
                 damping = (damping * (1.0 - (2.0 * gain - 1.0).powi(3)).max(0.1)).max(1e-9);
                 growth = 2.0;
+                look = if look { bend.is_none_or(|bend| bend.share > SLIGHT) } else { gain < AS_PROMISED };
                 if relative < effort.tolerance && enough.is_infinite() && !without_shapes {
                     converged = true;
                     break 'outer;
@@ -176,6 +173,7 @@ pub fn fit_from(
                 }
                 break;
             }
+            look = true;
             rejected += 1;
             if may_hold && rejected == REJECTED && held_shapes(&mut held, layout) {
                 damping = before;
@@ -212,8 +210,8 @@ fn misfit(problem: &Problem, cost: f64) -> f64 {
 /// that no step of the integration resolves, and they spoil the step of everything else.
 const REJECTED: usize = 2;
 
-/// A step with the shapes held that gains less than so many times what ends a fit: at the next one they are not held.
-const HARDLY: f64 = 10.0;
+/// A step with the shapes held that takes less than this share of the cost: at the next one they are not held.
+const HARDLY: f64 = 1e-3;
 
 /// Damping from which steps are tried in which shapes that spoil a bold one move.
 const TIMID: f64 = 1e-4;
@@ -223,7 +221,35 @@ fn held_shapes(held: &mut [bool], layout: &Layout) -> bool {
     layout.shapes().into_iter().fold(false, |any, i| any | !std::mem::replace(&mut held[i], true))
 }
 
-fn clip(theta: &mut [f64], bounds: &[(f64, f64)]) {
+/// A step that gains less than this share of what it promised, or nothing, may have left a valley that bends: it is worth a simulation to know how,
+const AS_PROMISED: f64 = 0.75;
+/// until a bend is no more than this share of its step.
+const SLIGHT: f64 = 0.1;
+
+/// Where a step of the parameters leads, within the bounds, with its bend if that is known. The initial values follow the way that the parameters can go.
+pub(crate) fn moved(
+    point: &Point,
+    normal: &Normal,
+    step: &DVector<f64>,
+    bend: Option<&Bend>,
+    bounds: &[(f64, f64)],
+) -> Point {
+    let mut out = point.clone();
+    for (i, v) in out.theta.iter_mut().enumerate() {
+        *v += step[i] + bend.map_or(0.0, |bend| bend.theta[i]);
+    }
+    clip(&mut out.theta, bounds);
+    let taken = DVector::from_iterator(step.len(), out.theta.iter().zip(&point.theta).map(|(a, b)| a - b));
+    for (n, (initial, d)) in out.initial.iter_mut().zip(normal.initial_step(&taken)).enumerate() {
+        for (i, (value, d)) in initial.iter_mut().zip(d).enumerate() {
+            *value += d + bend.map_or(0.0, |bend| bend.initial[n][i]);
+        }
+    }
+    out
+}
+
+/// Brings what lies beyond its bounds to them.
+pub(crate) fn clip(theta: &mut [f64], bounds: &[(f64, f64)]) {
     for (v, (lower, upper)) in theta.iter_mut().zip(bounds) {
         *v = v.clamp(*lower, *upper);
     }
@@ -241,7 +267,7 @@ fn pushed_out(theta: &[f64], bounds: &[(f64, f64)], gradient: &DVector<f64>, mat
 }
 
 /// Solves (H + damping * diag H) step = gradient for the entries that are not held.
-fn damped_step(h: &DMatrix<f64>, g: &DVector<f64>, held: &[bool], damping: f64) -> Option<DVector<f64>> {
+pub(crate) fn damped_step(h: &DMatrix<f64>, g: &DVector<f64>, held: &[bool], damping: f64) -> Option<DVector<f64>> {
     let free: Vec<usize> = (0..g.len()).filter(|&i| !held[i]).collect();
     let n = free.len();
     let scale: Vec<f64> = free.iter().map(|&i| h[(i, i)].sqrt()).collect();

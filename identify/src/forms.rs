@@ -19,7 +19,8 @@ const FEW: Effort = Effort { iterations: 3, tolerance: 1e-3, promise: f64::INFIN
 const BEHIND: f64 = 5.0;
 
 /// The fit, or one that leaves at most the share `better` of its cost, in which those of these effects that have a general form carry it, brought to its
-/// minimum with this effort. Of the starts of each the `followed` that cost least are. Effects that a model had before keep theirs.
+/// minimum with this effort. Of the starts of each the `followed` that cost least are, and one beside the library's form. Effects that a model had before
+/// keep theirs.
 pub fn refined(problem: &Problem, found: Fit, added: &[&str], followed: usize, effort: Effort, better: f64) -> Fit {
     let mut best = found;
     for n in 0..best.layout.effects.len() {
@@ -27,27 +28,29 @@ pub fn refined(problem: &Problem, found: Fit, added: &[&str], followed: usize, e
         let Some(form) = form else { continue };
         let own = best.layout.first_of(n)..best.layout.first_of(n + 1);
         let plain = &best.point.theta[own];
+        let at = |values: Vec<f64>| {
+            let (layout, point) = with_form(&best, n, &values);
+            (problem.cost(&layout, &point), layout, point)
+        };
         // from the form that was found, and from those that such effects have
-        let mut costly: Vec<(f64, Layout, Point)> = form
-            .all_starts(plain)
-            .into_iter()
-            .map(|values| {
-                let (layout, point) = with_form(&best, n, &values);
-                (problem.cost(&layout, &point), layout, point)
-            })
-            .filter(|(cost, ..)| cost.is_finite())
-            .collect();
+        let mut costly: Vec<(f64, Layout, Point)> = form.all_starts(plain).into_iter().map(at).collect();
+        costly.retain(|(cost, ..)| cost.is_finite());
         costly.sort_by(|a, b| a.0.total_cmp(&b.0));
         let most = costly.first().map_or(0.0, |(cost, ..)| FURTHER * cost);
         let few = costly.into_iter().take(followed).filter(|(cost, ..)| *cost <= most);
-        let led = few.filter_map(|(_, layout, point)| fit(problem, &layout, point, FEW).ok());
-        let lowest = led.min_by(|a, b| a.cost.total_cmp(&b.cost));
-        let Some(led) = lowest.filter(|led| led.cost < BEHIND * best.cost) else { continue };
-        if let Ok(general) = fit(problem, &led.layout, led.point, effort)
-            && general.cost < better * best.cost
-        {
-            tracing::debug!(id = form.effect.header().id, from = best.cost, to = general.cost, "general form");
-            best = general;
+        let beside = form.beside(plain).into_iter().map(at).min_by(|a, b| a.0.total_cmp(&b.0));
+        let led = |(_, layout, point): (f64, Layout, Point)| fit(problem, &layout, point, FEW).ok();
+        let lowest = few.filter_map(led).min_by(|a, b| a.cost.total_cmp(&b.cost));
+        let begun = best.cost;
+        let ways = lowest.filter(|led| led.cost < BEHIND * begun).into_iter();
+        for led in ways.chain(beside.and_then(led).filter(|led| led.cost < begun)) {
+            if let Ok(general) = fit(problem, &led.layout, led.point, effort)
+                && general.cost < best.cost
+                && general.cost < better * begun
+            {
+                tracing::debug!(id = form.effect.header().id, from = begun, to = general.cost, "general form");
+                best = general;
+            }
         }
     }
     best
@@ -90,10 +93,9 @@ mod tests {
             let general = refined(&problem, plain.clone(), &["end_stop"], FOLLOWED, Effort::default(), CLEARLY);
             let targets = problem.targets() as f64;
             assert!(plain.cost > 1.2 * targets, "{b}: {}", plain.cost / targets);
-            // four shapes trade places along a valley: the middle one is reached, of the others most
-            let (most, share) = if b == 0.07 { (1.03, 1.0) } else { (10.0, 0.2) };
-            let left = (general.cost / targets, general.cost / plain.cost);
-            assert!(left.0 < most && left.1 < share, "{b}: {left:?}");
+            // four shapes trade places along a valley that bends
+            let left = general.cost / targets;
+            assert!(left < 1.03, "{b}: {left}");
         }
     }
 

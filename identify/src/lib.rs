@@ -4,6 +4,7 @@
 extern crate self as identify;
 
 pub mod analysis;
+mod bend;
 pub mod colour;
 pub mod component;
 pub mod consistency;
@@ -30,6 +31,7 @@ pub mod loaded;
 pub mod misfit;
 pub mod model_file;
 pub mod noise;
+pub mod normal;
 pub mod plant;
 pub mod plants;
 pub mod plausible;

@@ -7,7 +7,8 @@ use nalgebra::DMatrix;
 use crate::determined::scale;
 use crate::fit::Fit;
 use crate::layout::FREE;
-use crate::problem::{Normal, Point, Problem};
+use crate::normal::Normal;
+use crate::problem::{Point, Problem};
 
 /// See the module.
 #[derive(Clone, Debug, serde::Serialize)]

@@ -9,7 +9,8 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::fit::{Fit, covariance};
-use crate::problem::{Normal, Piece, Problem};
+use crate::normal::Normal;
+use crate::problem::{Piece, Problem};
 use crate::score::clusters;
 
 /// A cluster's own pull beyond which it is not corrected further: nothing else speaks of that direction.

@@ -12,8 +12,9 @@ use rayon::prelude::*;
 
 use crate::fit::{Fit, covariance};
 use crate::layout::Layout;
+use crate::normal::{Normal, take_moved};
 use crate::predict::Initial;
-use crate::problem::{Normal, Piece, Point, Problem};
+use crate::problem::{Piece, Point, Problem};
 
 /// A model with its residual and derivatives, ready to test candidates against.
 pub struct Scene<'a> {
@@ -84,39 +85,14 @@ impl<'a> Scene<'a> {
 
     /// Removes from a vector of targets what parameters and initial values can produce.
     fn orthogonal(&self, mut v: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
-        let columns = self.fit.layout.len();
         let (step, initial) = self.produced_by(&v);
-        for ((p, v), d) in self.pieces.iter().zip(&mut v).zip(&initial) {
-            let all = columns + d.len();
-            for (row, x) in p.slope.chunks(all).zip(v.iter_mut()) {
-                let fitted: f64 = row[..columns].iter().zip(step.iter()).map(|(a, b)| a * b).sum();
-                *x -= row[columns..].iter().zip(d).fold(fitted, |sum, (a, b)| sum + a * b);
-            }
-        }
+        take_moved(&mut v, &self.pieces, &step, &initial);
         v
     }
 
     /// The change of parameters and initial values that comes nearest to a vector of targets.
     fn produced_by(&self, v: &[Vec<f64>]) -> (DVector<f64>, Vec<Initial>) {
-        let columns = self.fit.layout.len();
-        // J'v with the initial values eliminated: the same formula as for the gradient
-        let as_pieces: Vec<Vec<f64>> = self
-            .pieces
-            .iter()
-            .zip(v)
-            .zip(&self.fit.point.initial)
-            .map(|((p, v), initial)| {
-                let all = columns + initial.len();
-                let mut g = vec![0.0; all];
-                for (row, x) in p.slope.chunks(all).zip(v) {
-                    for (g, s) in g.iter_mut().zip(row) {
-                        *g += s * x;
-                    }
-                }
-                g
-            })
-            .collect();
-        let (reduced, inner) = self.normal.reduce(&as_pieces, columns);
+        let (reduced, inner) = self.normal.gradient_of(&self.pieces, v);
         let step = &self.inverse * reduced;
         let initial = self.normal.back(&step, &inner);
         (step, initial)
@@ -245,22 +221,6 @@ impl Evidence {
     pub fn agreement(&self) -> f64 {
         let norm = self.cosines.iter().map(|v| v * v).sum::<f64>().sqrt();
         if norm > 0.0 { self.cosines.iter().sum::<f64>() / norm } else { 0.0 }
-    }
-}
-
-impl Normal {
-    /// J'v of each stretch (parameters, then initial values), reduced like the gradient; and the initial values' own part.
-    fn reduce(&self, each: &[Vec<f64>], columns: usize) -> (DVector<f64>, Vec<Vec<f64>>) {
-        let mut out = DVector::zeros(columns);
-        let mut inner = Vec::new();
-        for (n, g) in each.iter().enumerate() {
-            let (direct, own) = self.eliminate(n, &g[columns..]);
-            for j in 0..columns {
-                out[j] += g[j] - direct[j];
-            }
-            inner.push(own);
-        }
-        (out, inner)
     }
 }
 

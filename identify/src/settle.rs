@@ -7,8 +7,9 @@
 use rayon::prelude::*;
 
 use crate::layout::Layout;
+use crate::normal::Normal;
 use crate::predict::Initial;
-use crate::problem::{Normal, Piece, Point, Problem};
+use crate::problem::{Piece, Point, Problem};
 
 /// Shares of the step of a stretch's initial values (their own, and what follows from the parameters' step) that are tried where none of it is better than all of it.
 const SHARES: [f64; 4] = [0.5, 0.25, 0.125, 0.03125];

@@ -5,7 +5,8 @@ use model::parameters::{COUNT, NAMES, index};
 use nalgebra::DMatrix;
 
 use crate::fit::{Fit, covariance};
-use crate::problem::{Normal, Piece, Problem};
+use crate::normal::Normal;
+use crate::problem::{Piece, Problem};
 use crate::sandwich::{sandwich, t_975};
 
 /// Covariance of a fit's entries. Each variance is the larger of what the normal matrix says (widened where the residuals are

@@ -2,7 +2,7 @@
 //! `bench diagnose --plant ID --data FILE [--validate FILE] [--out OUT]`
 
 use super::diagnose_plant::{self, PlantArgs};
-use super::results::{Wanted, analyse_with};
+use super::results::{Wanted, analyse_with, declared_in};
 use super::results_json::as_json;
 use crate::failure::{Failure, Kind};
 use crate::next::auto::{Auto, Budget};
@@ -10,7 +10,6 @@ use crate::progress::Progress;
 use crate::rig_file::Rig;
 use identify::analysis::Depth;
 use identify::torque_form::TorqueForm;
-use model::ModelFile;
 use std::path::PathBuf;
 
 /// Identify, find the residual, name the effect: model.toml, findings.json and report.html
@@ -58,7 +57,7 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
         .dir
         .as_deref()
         .ok_or_else(|| Failure::new(Kind::Input, "expected a campaign folder, or --plant with --data"))?;
-    let declared = args.model.as_deref().map(ModelFile::read).transpose().map_err(|e| Failure::of(Kind::Input, &e))?;
+    let declared = args.model.as_deref().map(declared_in).transpose()?;
     if !args.auto {
         let rig = args.rig.as_deref().map(|path| Rig::read(Some(path))).transpose()?;
         let wanted = Wanted {

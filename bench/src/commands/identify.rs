@@ -1,12 +1,11 @@
 //! `bench identify DIR [--out OUT] [--torque FORM] [--model MODEL.toml]`
 
-use super::results::{Wanted, analyse_with};
+use super::results::{Wanted, analyse_with, declared_in};
 use super::results_json::as_json;
 use crate::failure::{Failure, Kind};
 use crate::progress::Progress;
 use identify::analysis::Depth;
 use identify::torque_form::TorqueForm;
-use model::ModelFile;
 use std::path::PathBuf;
 
 /// Identify the model from a campaign folder: model.toml, report.html and its twin report.json
@@ -29,7 +28,7 @@ pub struct Args {
 }
 
 pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
-    let declared = args.model.as_deref().map(ModelFile::read).transpose().map_err(|e| Failure::of(Kind::Input, &e))?;
+    let declared = args.model.as_deref().map(declared_in).transpose()?;
     let wanted =
         Wanted { depth: Depth::Identification, form: args.torque, declared: declared.as_ref(), ..Wanted::default() };
     let results = analyse_with(&args.dir, args.out.as_deref(), &wanted, &progress.beside(args.json))?;

@@ -46,7 +46,7 @@ pub struct Wanted<'a> {
     /// Of the torque.
     pub form: TorqueForm,
     /// Model whose effects are part of what is identified.
-    pub declared: Option<&'a ModelFile>,
+    pub declared: Option<&'a Declared>,
     /// The rig that a next run would be made on; `None`: what the campaign says of its own.
     pub rig: Option<&'a Rig>,
 }
@@ -64,7 +64,6 @@ pub struct Results {
 /// As [`analyse_folder`]; designs the next run where the verdict leaves something open.
 pub fn analyse_with(dir: &Path, out: Option<&Path>, wanted: &Wanted, progress: &Progress) -> Result<Results, Failure> {
     let Wanted { depth, form, .. } = *wanted;
-    let declared = wanted.declared.map(declared).transpose()?;
     let out = out.map_or_else(|| dir.join("analysis"), Path::to_owned);
     let step = progress.step("reading", 0);
     let loaded = Loaded::read(dir).map_err(|e| refused(&e))?;
@@ -76,7 +75,7 @@ pub fn analyse_with(dir: &Path, out: Option<&Path>, wanted: &Wanted, progress: &
         progress.say(&format!("warning: {}: {}", aside.file, aside.said()));
     }
     let step = progress.step("analysis", 0);
-    let result = analyse_from(&loaded, depth, form, declared.as_ref(), &|text| progress.say(text));
+    let result = analyse_from(&loaded, depth, form, wanted.declared, &|text| progress.say(text));
     step.finish();
     let mut analysis = result.map_err(|e| {
         if made {
@@ -157,10 +156,10 @@ fn surroundings(loaded: &Loaded) -> Result<Rig, Failure> {
     Ok(rig)
 }
 
-/// The effects of a model file as part of what is identified.
-fn declared(model: &ModelFile) -> Result<Declared, Failure> {
-    // says what is missing or unknown
-    let effects = effects_of(model).map_err(|e| Failure::of(Kind::Input, &e))?;
+/// A model file whose effects are part of what is identified.
+pub fn declared_in(file: &Path) -> Result<Declared, Failure> {
+    let model = ModelFile::read(file).map_err(|e| Failure::of(Kind::Input, &e))?;
+    let effects = effects_of(&model).map_err(|e| Failure::new(Kind::Input, format!("{}: {e}", file.display())))?;
     Ok(Declared { parameters: model.parameters, effects })
 }
 
@@ -263,5 +262,21 @@ mod tests {
         let rows = [["run", "RMSE"], ["a", "12.5"], ["square", "1e-3"]].map(|r| r.map(String::from).to_vec());
         assert_eq!(aligned(&rows), ["run     RMSE", "a       12.5", "square  1e-3"]);
         assert!(aligned(&[]).is_empty());
+    }
+
+    #[test]
+    fn a_model_with_an_incomplete_effect_is_refused_with_its_file_and_what_it_lacks() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("model.toml");
+        let mut model = ModelFile::plain(model::Parameters::example());
+        let parameters = [("k", 1.0), ("w_v", 0.1)].map(|(name, value)| (name.to_owned(), value));
+        let added = model::parameters::AddedEffect { id: "stribeck_friction".into(), parameters: parameters.into() };
+        model.effect.push(added);
+        std::fs::write(&file, model.to_toml()).unwrap();
+        let Err(refused) = declared_in(&file) else { panic!("its parameter w_s is missing") };
+        assert_eq!(refused.kind, Kind::Input);
+        for said in [&file.display().to_string(), "stribeck_friction", "\"w_s\""] {
+            assert!(refused.message.contains(said), "{said}: {}", refused.message);
+        }
     }
 }

@@ -15,6 +15,7 @@ use crate::rig_file::{DeviceSpec, Rig, RigRecord};
 use crate::runner::{Mode, Plan, Runner, certify, judge};
 use crate::setup::Knowledge;
 use identify::analysis::Depth;
+use identify::declared::Declared;
 use identify::diagnose::Verdict;
 use identify::torque_form::TorqueForm;
 use model::ModelFile;
@@ -52,7 +53,7 @@ pub struct Auto<'a> {
     /// Folder of the results; `None`: `analysis` in the campaign's.
     pub out: Option<&'a Path>,
     /// Model whose effects are declared.
-    pub declared: Option<&'a ModelFile>,
+    pub declared: Option<&'a Declared>,
     /// For all rounds together.
     pub budget: Budget,
     /// Of the emulated sensors.

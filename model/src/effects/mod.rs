@@ -120,7 +120,17 @@ impl Refined {
         });
         bent.chain(away).chain(self.effect.header().starts.iter().map(|s| s.to_vec())).collect()
     }
+
+    /// Places beside the library's form with its `found` values: [`BESIDE`] of the way to each start of its own parameters. Where a little of another law is
+    /// much beside the noise, a fit from one of [`Self::all_starts`] begins far above what the library's form leaves, and such a one does not.
+    pub fn beside(&self, found: &[f64]) -> Vec<Vec<f64>> {
+        let part = |own: &[f64]| self.neutral.iter().zip(own).map(|(n, o)| n + BESIDE * (o - n)).collect::<Vec<f64>>();
+        self.starts.iter().map(|own| [found, &part(own)].concat()).collect()
+    }
 }
+
+/// Share of the way from a library's form to a general one's starts.
+const BESIDE: f64 = 0.05;
 
 /// The balance of the plant that an effect disturbs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]

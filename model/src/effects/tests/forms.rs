@@ -24,7 +24,9 @@ fn a_refined_form_is_the_library_s_at_its_neutral_values() {
         for found in plain.starts {
             let all = refined.all_starts(found);
             assert_eq!(all.len(), refined.starts.len() + refined.away.len() + general.starts.len());
-            for start in all {
+            let beside = refined.beside(found);
+            assert_eq!(beside.len(), refined.starts.len());
+            for start in all.into_iter().chain(beside) {
                 assert_eq!(start.len(), general.parameters.len(), "{}", plain.id);
                 assert!(general.parameters.iter().zip(&start).all(within), "{}: {start:?}", plain.id);
             }
