@@ -158,7 +158,7 @@ fn a_gross_friction_beside_a_lag_that_shows_first_is_led_to_although_the_lag_lea
 fn frictions_that_stand_in_each_other_s_place_change_places_where_the_guide_lets_go() {
     let truth = Parameters::example();
     let friction = find("stribeck_friction").unwrap();
-    let values = [1.1, 0.06, 0.004];
+    let values = [1.1, 0.06, 0.006];
     let problem = problem(&[7, 8].map(|seed| dynamic(&truth, Some((friction, values.to_vec())), 12.0, seed)));
     let with = layout(&truth).with(friction);
     let mut known = layout(&truth).vector_of(&truth);
