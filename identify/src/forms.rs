@@ -19,8 +19,8 @@ const FEW: Effort = Effort { iterations: 3, tolerance: 1e-3, promise: f64::INFIN
 const BEHIND: f64 = 5.0;
 
 /// The fit, or one that leaves at most the share `better` of its cost, in which those of these effects that have a general form carry it, brought to its
-/// minimum with this effort. Of the starts of each the `followed` that cost least are, and one beside the library's form. Effects that a model had before
-/// keep theirs.
+/// minimum with this effort. Of the starts of each the `followed` that cost least are, and where none comes down one beside the library's form. Effects that
+/// a model had before keep theirs.
 pub fn refined(problem: &Problem, found: Fit, added: &[&str], followed: usize, effort: Effort, better: f64) -> Fit {
     let mut best = found;
     for n in 0..best.layout.effects.len() {
@@ -38,19 +38,20 @@ pub fn refined(problem: &Problem, found: Fit, added: &[&str], followed: usize, e
         costly.sort_by(|a, b| a.0.total_cmp(&b.0));
         let most = costly.first().map_or(0.0, |(cost, ..)| FURTHER * cost);
         let few = costly.into_iter().take(followed).filter(|(cost, ..)| *cost <= most);
-        let beside = form.beside(plain).into_iter().map(at).min_by(|a, b| a.0.total_cmp(&b.0));
         let led = |(_, layout, point): (f64, Layout, Point)| fit(problem, &layout, point, FEW).ok();
         let lowest = few.filter_map(led).min_by(|a, b| a.cost.total_cmp(&b.cost));
-        let begun = best.cost;
-        let ways = lowest.filter(|led| led.cost < BEHIND * begun).into_iter();
-        for led in ways.chain(beside.and_then(led).filter(|led| led.cost < begun)) {
-            if let Ok(general) = fit(problem, &led.layout, led.point, effort)
-                && general.cost < best.cost
-                && general.cost < better * begun
-            {
-                tracing::debug!(id = form.effect.header().id, from = begun, to = general.cost, "general form");
-                best = general;
-            }
+        let ended = |led: Fit| fit(problem, &led.layout, led.point, effort).ok();
+        let taken = |general: &Fit| general.cost < better * best.cost;
+        let general = lowest.filter(|led| led.cost < BEHIND * best.cost).and_then(ended).filter(taken);
+        // where no start comes down
+        let general = general.or_else(|| {
+            let beside = form.beside(plain).into_iter().map(at).min_by(|a, b| a.0.total_cmp(&b.0));
+            let led = beside.and_then(led).filter(|led| led.cost < best.cost);
+            led.and_then(ended).filter(taken)
+        });
+        if let Some(general) = general {
+            tracing::debug!(id = form.effect.header().id, from = best.cost, to = general.cost, "general form");
+            best = general;
         }
     }
     best

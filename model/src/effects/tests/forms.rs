@@ -26,6 +26,12 @@ fn a_refined_form_is_the_library_s_at_its_neutral_values() {
             assert_eq!(all.len(), refined.starts.len() + refined.away.len() + general.starts.len());
             let beside = refined.beside(found);
             assert_eq!(beside.len(), refined.starts.len());
+            for (place, start) in beside.iter().zip(refined.starts) {
+                let (same, own) = place.split_at(found.len());
+                let off = |values: &[f64]| values.iter().zip(refined.neutral).map(|(v, n)| v - n).collect::<Vec<_>>();
+                let near = off(own).iter().zip(off(start)).all(|(d, whole)| (d - 0.05 * whole).abs() < 1e-12);
+                assert!(same == *found && near, "{}: {place:?}", plain.id);
+            }
             for start in all.into_iter().chain(beside) {
                 assert_eq!(start.len(), general.parameters.len(), "{}", plain.id);
                 assert!(general.parameters.iter().zip(&start).all(within), "{}: {start:?}", plain.id);
