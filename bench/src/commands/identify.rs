@@ -2,7 +2,7 @@
 
 use super::results::{Wanted, analyse_with, declared_in};
 use super::results_json::as_json;
-use crate::failure::{Failure, Kind};
+use crate::failure::Failure;
 use crate::progress::Progress;
 use identify::analysis::Depth;
 use identify::torque_form::TorqueForm;
