@@ -109,17 +109,19 @@ mod tests {
         for (share, most) in [(0.1, 0.6), (0.05, 0.15)] {
             let step = &step * share;
             let bend = bend(&problem, &layout, (&point, &pieces, &normal), &step, solve).unwrap();
-            // what parameters could undo of the way off the straight line
+            // what parameters, and initial values, could undo of the way off the straight line
             let off = |bend: Option<&Bend>| {
                 let there = moved(&point, &normal, &step, bend, &layout.bounds());
                 let straight = (&step, &normal.initial_step(&step)[..]);
                 let off = off_the_line(&problem, &layout, &pieces, &there, straight).unwrap();
-                let (gradient, _) = normal.gradient_of(&pieces, &off);
+                let (gradient, own) = normal.gradient_of(&pieces, &off);
                 let undone = solve(&gradient).unwrap();
-                undone.dot(&(&normal.matrix * &undone)).sqrt()
+                let initial = normal.back(&DVector::zeros(undone.len()), &own);
+                let of_initial = initial.iter().flatten().map(|d| d * d).sum::<f64>().sqrt();
+                (undone.dot(&(&normal.matrix * &undone)).sqrt(), of_initial)
             };
             let (with, without) = (off(Some(&bend)), off(None));
-            assert!(with < most * without, "{share}: {with} {without}");
+            assert!(with.0 < most * without.0 && with.1 < most * without.1, "{share}: {with:?} {without:?}");
         }
     }
 }

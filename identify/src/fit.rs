@@ -103,14 +103,13 @@ pub fn fit_from(
         let active = pushed_out(&point.theta, &bounds, &normal.gradient, &normal.matrix);
         let enough = effort.promise * misfit(problem, cost);
         let of_initial: f64 = normal.promised_by_initial().iter().sum();
-        if enough.is_finite() {
-            // of the whole step: a damped one promises little along a flat direction, however far its minimum is
-            let whole = damped_step(&normal.matrix, &normal.gradient, &active, 1e-13);
-            if whole.is_some_and(|step| normal.gradient.dot(&step) + of_initial < enough) {
-                converged = true;
-                known = Some(pieces);
-                break;
-            }
+        // of the whole step: a damped one promises little along a flat direction, however far its minimum is
+        let whole = damped_step(&normal.matrix, &normal.gradient, &active, 1e-13);
+        let promised = whole.map(|step| normal.gradient.dot(&step) + of_initial);
+        if enough.is_finite() && promised.is_some_and(|promised| promised < enough) {
+            converged = true;
+            known = Some(pieces);
+            break;
         }
         let mut ahead = effort.ahead;
         let (before, mut rejected) = (damping, 0);
@@ -154,6 +153,8 @@ pub fn fit_from(
             if trial_cost < cost {
                 let gain = (cost - trial_cost) / predicted.max(1e-300);
                 let relative = (cost - trial_cost) / cost;
+                // a step that gained little where much was promised has failed, not arrived
+                let arrived = relative.max(promised.unwrap_or(0.0) / cost) < effort.tolerance;
                 // with the shapes held it is at its minimum: now they move, however little
                 let without_shapes = held != active;
                 may_hold = !without_shapes || relative > HARDLY;
@@ -163,7 +164,7 @@ pub fn fit_from(
                 damping = (damping * (1.0 - (2.0 * gain - 1.0).powi(3)).max(0.1)).max(1e-9);
                 growth = 2.0;
                 look = if look { bend.is_none_or(|bend| bend.share > SLIGHT) } else { gain < AS_PROMISED };
-                if relative < effort.tolerance && enough.is_infinite() && !without_shapes {
+                if arrived && enough.is_infinite() && !without_shapes {
                     converged = true;
                     break 'outer;
                 }

@@ -100,6 +100,25 @@ mod tests {
         }
     }
 
+    /// Friction that falls a little less steeply than the library's: that is much beside the noise, and from each start of the form far more.
+    #[test]
+    fn a_law_that_is_hardly_another_one_is_reached_from_beside_the_library_s() {
+        let truth = Parameters::example();
+        let friction = find("stribeck_friction").unwrap();
+        let any_fall = friction.refined().unwrap().effect;
+        let sealed = vec![2.0, 0.25, 0.017, 1.8, 0.0];
+        let runs = [7, 8].map(|seed| dynamic(&truth, Some((any_fall, sealed.clone())), 20.0, seed));
+        let (problem, base) = (problem(&runs), layout(&truth));
+        let start = [&base.vector_of(&truth)[..], &sealed[..3]].concat();
+        let plain = fit(&problem, &base.with(friction), problem.point(start), Effort::default()).unwrap();
+        let general = refined(&problem, plain.clone(), &["stribeck_friction"], FOLLOWED, Effort::default(), CLEARLY);
+        let targets = problem.targets() as f64;
+        assert!(plain.cost > 1.1 * targets, "{}", plain.cost / targets);
+        assert!(general.cost < 1.02 * targets, "{}", general.cost / targets);
+        let own = &general.point.theta[base.len()..];
+        assert!(own.len() == 5 && (own[3] - 1.8).abs() < 0.05, "{own:?}");
+    }
+
     #[test]
     fn what_stands_behind_a_form_s_own_parameters_moves_up() {
         let mut layout = Layout::base(&Parameters::example());
