@@ -159,7 +159,7 @@ fn frictions_that_stand_in_each_other_s_place_change_places_where_the_guide_lets
     let truth = Parameters::example();
     let friction = find("stribeck_friction").unwrap();
     let values = [1.1, 0.06, 0.006];
-    let problem = problem(&[7, 8].map(|seed| dynamic(&truth, Some((friction, values.to_vec())), 12.0, seed)));
+    let problem = problem(&[17, 18].map(|seed| dynamic(&truth, Some((friction, values.to_vec())), 12.0, seed)));
     let with = layout(&truth).with(friction);
     let mut known = layout(&truth).vector_of(&truth);
     known.extend(values);
