@@ -5,6 +5,7 @@ use model::Parameters;
 use model::integrate::SimulationError;
 
 use crate::fit::{Effort, FAR, Fit, fit};
+use crate::guided::Guided;
 use crate::problem::Problem;
 
 /// The first seconds of each run that a fit is led over: a short horizon has few false minima.
@@ -39,6 +40,25 @@ pub fn left_behind(problem: &Problem, reached: Fit, afar: &[f64]) -> Fit {
         }
         _ => reached,
     }
+}
+
+/// The first seconds of each run that are fitted under a guide.
+const GUIDED_S: f64 = 10.0;
+/// Noise variances a target from which more than noise is left: a lever that sticks aside leaves many.
+const MORE_THAN_NOISE: f64 = 1.2;
+
+/// The better of two fits of one model: as it is, and from where a guide lets go of it. Under a guide a lever that sticks elsewhere is led on, so no
+/// threshold of the friction holds the fit up; where the model leaves more than noise there as well, no false minimum is in the way. `afar`: other values to
+/// begin with under the guide.
+pub fn led_out(problem: &Problem, reached: Fit, afar: &[f64]) -> Fit {
+    let leaves_noise = |fit: &Fit, problem: &Problem| fit.cost < MORE_THAN_NOISE * problem.targets() as f64;
+    if leaves_noise(&reached, problem) {
+        return reached;
+    }
+    let guided = Guided::new(&problem.shortened(GUIDED_S), &reached.layout, &reached.point.theta, afar);
+    let guided = guided.filter(|guided| guided.tightest().is_some_and(|(tight, fit)| leaves_noise(fit, tight)));
+    let starts = guided.map_or_else(Vec::new, |guided| guided.let_go());
+    starts.iter().fold(reached, |best, start| left_behind(problem, best, start))
 }
 
 /// The same model fitted to the whole runs from `theta` on: to its minimum, unless that is far from the noise and a few steps lead to nothing lower than where
@@ -100,6 +120,34 @@ mod tests {
         assert!(stuck.cost > 3.0 * reached.cost, "{} beside {}", stuck.cost, reached.cost);
         let led = left_behind(&problem, stuck, &afar);
         assert!(led.cost < 1.2 * reached.cost, "{} beside {}", led.cost, reached.cost);
+    }
+
+    #[test]
+    fn a_guide_leads_a_fit_on_where_nothing_is_missing_and_leaves_it_where_something_is() {
+        let truth = Parameters::example();
+        let runs = [7, 8].map(|seed| dynamic(&truth, None, 20.0, seed));
+        let (problem, layout) = (problem(&runs), layout(&truth));
+        let targets = problem.targets() as f64;
+        // it drives itself where it moves fast: a free run from there is elsewhere within a second
+        let mut astray = truth;
+        (astray.losses.l1, astray.losses.l2, astray.torque.m3) = (-6.0, 4.0, 1.1 * truth.torque.m3);
+        let from = layout.vector_of(&astray);
+        let point = problem.point(from.clone());
+        let cost = problem.cost(&layout, &point);
+        assert!(cost > 100.0 * targets, "{}", cost / targets);
+        let led = led_out(&problem, Fit { layout: layout.clone(), point, cost, converged: false }, &from);
+        assert!(led.cost < 1.02 * targets, "{}", led.cost / targets);
+        assert_eq!(led_out(&problem, led.clone(), &from).point.theta, led.point.theta, "what leaves noise stays");
+
+        let late = model::effects::find("pump_lag").unwrap();
+        let runs = [7, 8].map(|seed| dynamic(&truth, Some((late, vec![0.08])), 12.0, seed));
+        let (problem, from) = (self::problem(&runs), layout.vector_of(&truth));
+        let reached = fit(&problem, &layout, problem.point(from.clone()), Effort::default()).unwrap();
+        assert_eq!(
+            led_out(&problem, reached.clone(), &from).cost,
+            reached.cost,
+            "what is missing shows under the guide"
+        );
     }
 
     #[test]

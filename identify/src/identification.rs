@@ -10,7 +10,7 @@ use recordings::{CampaignError, Protocol, Role};
 
 use crate::component::{self, CapacityPoint, LossPoint, PumpPoint, TorquePoint};
 use crate::determined::{Determined, determined};
-use crate::false_minimum::{CREEP, left_behind, with_plain_losses};
+use crate::false_minimum::{CREEP, led_out, left_behind, with_plain_losses};
 use crate::fit::{Effort, FAR, Fit, covariance, fit, fit_from};
 use crate::layout::Layout;
 pub use crate::loaded::{Loaded, LoadedRun};
@@ -219,12 +219,16 @@ fn out_of_false_minimum(
     first: Fit,
     pieces: Option<Vec<Piece>>,
 ) -> (Fit, Option<Vec<Piece>>) {
-    if misfit::left_by(problem, &first).is_ok_and(|left| left < MATERIAL) {
+    let is_noise = |fit: &Fit| misfit::left_by(problem, fit).is_ok_and(|left| left < MATERIAL);
+    if is_noise(&first) {
         return (first, pieces);
     }
     let reached = first.cost;
-    let afar = first.layout.vector_of(&with_plain_losses(*component));
-    let lowest = left_behind(problem, first, &afar);
+    let [plain, separate] = [with_plain_losses(*component), *component].map(|values| first.layout.vector_of(&values));
+    let mut lowest = left_behind(problem, first, &plain);
+    if !is_noise(&lowest) {
+        lowest = led_out(problem, lowest, &separate);
+    }
     let same = lowest.cost == reached;
     (lowest, pieces.filter(|_| same))
 }
