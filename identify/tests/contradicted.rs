@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::{campaign, dynamic};
+use common::{campaign, creeping, dynamic};
 use identify::analysis::{Depth, analyse};
 use identify::diagnose::Verdict;
 use model::Parameters;
@@ -29,4 +29,21 @@ fn a_validation_that_contradicts_is_said_and_one_that_agrees_is_not() {
         assert_eq!(said.is_some(), contradicts, "{:?}", analysis.headline);
         assert!(said.is_none_or(|line| line.contains("c.csv") && line.contains("role identify")), "{said:?}");
     }
+}
+
+#[test]
+fn noise_that_creeps_excuses_no_validation_that_is_off_by_far_more() {
+    let truth = Parameters::example();
+    let lag = Some((find("pump_lag").unwrap(), vec![0.03]));
+    let dir = tempfile::tempdir().unwrap();
+    let runs = [
+        ("a.csv", Role::Identify, creeping(dynamic(&truth, None, 20.0, 31), 31)),
+        ("b.csv", Role::Identify, creeping(dynamic(&truth, None, 20.0, 32), 32)),
+        ("c.csv", Role::Validate, dynamic(&truth, lag, 15.0, 33)),
+    ];
+    let analysis = analyse(&campaign(dir.path(), &runs), Depth::Diagnosis, &|_| ()).unwrap();
+    let found = analysis.diagnosis.as_ref().unwrap();
+    assert!(found.verdict == Verdict::None && found.silent, "{:?}", found.verdict);
+    let says = |what: &str| analysis.headline.iter().any(|line| line.contains(what));
+    assert!(says("noise that creeps, most likely") && says("validation contradicts"), "{:?}", analysis.headline);
 }

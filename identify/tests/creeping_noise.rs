@@ -4,35 +4,12 @@
 
 mod common;
 
-use common::{PRESSURE_NOISE_BAR, layout, problem, run};
+use common::{creeping, layout, problem, run};
 use identify::diagnose::{Declared, Diagnosis, Verdict, diagnose_declared};
 use identify::fit::{Effort, fit};
 use identify::misfit;
 use model::Parameters;
 use model::effects::{Effect, find};
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
-use recordings::Recording;
-
-/// Memory of the noise, s; half a second is twice what the colour of a residual is looked for over.
-const MEMORY_S: f64 = 0.5;
-
-/// Adds first-order noise, half as large again as the white one, to both pressures.
-fn creeping(mut r: Recording, seed: u64) -> Recording {
-    let mut rng = ChaCha8Rng::seed_from_u64(1000 + seed);
-    let kept = (-2e-3 / MEMORY_S).exp();
-    let std = 1.5 * PRESSURE_NOISE_BAR;
-    for pressure in [&mut r.pressure1_bar, &mut r.pressure2_bar] {
-        let mut draw = || -> f64 { StandardNormal.sample(&mut rng) };
-        let mut noise = std * draw();
-        for p in pressure {
-            *p += noise;
-            noise = kept * noise + std * (1.0 - kept * kept).sqrt() * draw();
-        }
-    }
-    r
-}
 
 /// The diagnosis of a rig with these effects whose pressure sensors creep.
 fn diagnosed(acting: &[(&'static dyn Effect, Vec<f64>)]) -> Diagnosis {

@@ -25,6 +25,7 @@ use crate::identification::Identified;
 use crate::misfit::{self, MATERIAL, Part};
 use crate::problem::Problem;
 use crate::uncertainty::Known;
+pub(crate) use nameless::BEYOND_NOISE;
 use round::Round;
 use search::Search;
 

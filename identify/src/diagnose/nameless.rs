@@ -25,7 +25,7 @@ pub(super) fn is_certain(largest: f64, named: bool, scored: bool) -> bool {
 }
 
 /// A rest of a second shows at least a third of what noise has that creeps: what is more (noise floors) is no noise, whatever its colour.
-pub(super) const BEYOND_NOISE: f64 = 3.0;
+pub(crate) const BEYOND_NOISE: f64 = 3.0;
 
 impl Search<'_> {
     /// The nameless term of the balance that explains most, where there is something to explain. `certain`: there is ([`is_certain`]). Otherwise the terms'

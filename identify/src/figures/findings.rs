@@ -1,6 +1,6 @@
 //! The verdict, what was added, and the candidates.
 
-use crate::diagnose::{CONSISTENT, Diagnosis, Verdict};
+use crate::diagnose::{BEYOND_NOISE, CONSISTENT, Diagnosis, Verdict};
 use crate::figure::Table;
 use crate::figures::text::{chance, interval, measured, number};
 use crate::figures::{Subject, section, summary};
@@ -128,13 +128,18 @@ const CONTRADICTS: f64 = 1.2;
 fn contradicted(subject: &Subject) -> Option<String> {
     let diagnosis = subject.diagnosis?;
     let named = matches!(diagnosis.verdict, Verdict::None | Verdict::Attributed);
-    let explained = named && misfit::largest(&diagnosis.parts_after) < CONSISTENT;
+    let (most, while_fitted) = if named && misfit::largest(&diagnosis.parts_after) < CONSISTENT {
+        (CONTRADICTS, "the runs that were fitted are explained")
+    } else if named && diagnosis.silent {
+        (BEYOND_NOISE, "the runs that were fitted leave no more than noise that creeps does")
+    } else {
+        return None;
+    };
     let (ratio, run, column) = worst(subject, subject.after().is_some())?;
-    (explained && ratio > CONTRADICTS).then(|| {
+    (ratio > most).then(|| {
         format!(
-            "The validation contradicts this: {column} of {run} is off by {} noise floors, while the runs that were fitted are \
-             explained. Runs with role validate decide nothing; a further run of that kind with role identify would let what \
-             is missing be found.",
+            "The validation contradicts this: {column} of {run} is off by {} noise floors, while {while_fitted}. Runs with role \
+             validate decide nothing; a further run of that kind with role identify would let what is missing be found.",
             number(ratio, 3)
         )
     })

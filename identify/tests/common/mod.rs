@@ -18,7 +18,7 @@ use model::integrate::Integrator;
 use model::rec::{self, Circuit, Input, Lever, STATES, state};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, Normal};
+use rand_distr::{Distribution, Normal, StandardNormal};
 use recordings::{Campaign, Plane, Protocol, Recording, RigFacts, Role, RunEntry};
 
 pub const ANGLE_NOISE_DEG: f64 = 0.01;
@@ -165,4 +165,23 @@ pub fn check_report(analysis: &Analysis) {
     for t in &analysis.tables {
         assert!(t.rows.iter().all(|r| r.len() == t.columns.len()), "{}: {:?}", t.title, t.rows);
     }
+}
+
+/// Memory of the noise, s; half a second is twice what the colour of a residual is looked for over.
+const MEMORY_S: f64 = 0.5;
+
+/// Adds first-order noise, half as large again as the white one, to both pressures.
+pub fn creeping(mut r: Recording, seed: u64) -> Recording {
+    let mut rng = ChaCha8Rng::seed_from_u64(1000 + seed);
+    let kept = (-2e-3 / MEMORY_S).exp();
+    let std = 1.5 * PRESSURE_NOISE_BAR;
+    for pressure in [&mut r.pressure1_bar, &mut r.pressure2_bar] {
+        let mut draw = || -> f64 { StandardNormal.sample(&mut rng) };
+        let mut noise = std * draw();
+        for p in pressure {
+            *p += noise;
+            noise = kept * noise + std * (1.0 - kept * kept).sqrt() * draw();
+        }
+    }
+    r
 }
