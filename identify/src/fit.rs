@@ -154,7 +154,8 @@ pub fn fit_from(
                 let gain = (cost - trial_cost) / predicted.max(1e-300);
                 let relative = (cost - trial_cost) / cost;
                 // a step that gained little where much was promised has failed, not arrived
-                let arrived = relative.max(promised.unwrap_or(0.0) / cost) < effort.tolerance;
+                let little = (effort.tolerance * cost).max(IMMATERIAL * misfit(problem, cost));
+                let arrived = relative < effort.tolerance && promised.is_none_or(|promised| promised < little);
                 // with the shapes held it is at its minimum: now they move, however little
                 let without_shapes = held != active;
                 may_hold = !without_shapes || relative > HARDLY;
@@ -216,6 +217,9 @@ const HARDLY: f64 = 1e-3;
 
 /// Damping from which steps are tried in which shapes that spoil a bold one move.
 const TIMID: f64 = 1e-4;
+
+/// What the whole step promises, noise variances, where nothing matters any more that it would gain: no parameter is a third of its standard error from the minimum.
+const IMMATERIAL: f64 = 0.1;
 
 /// Holds the effects' shapes; false where all of them are held already.
 fn held_shapes(held: &mut [bool], layout: &Layout) -> bool {

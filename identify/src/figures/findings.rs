@@ -128,9 +128,10 @@ const CONTRADICTS: f64 = 1.2;
 fn contradicted(subject: &Subject) -> Option<String> {
     let diagnosis = subject.diagnosis?;
     let named = matches!(diagnosis.verdict, Verdict::None | Verdict::Attributed);
-    let (most, while_fitted) = if named && misfit::largest(&diagnosis.parts_after) < CONSISTENT {
+    let left = misfit::largest(&diagnosis.parts_after);
+    let (most, while_fitted) = if named && left < CONSISTENT {
         (CONTRADICTS, "the runs that were fitted are explained")
-    } else if named && diagnosis.silent {
+    } else if named && diagnosis.silent && left < BEYOND_NOISE {
         (BEYOND_NOISE, "the runs that were fitted leave no more than noise that creeps does")
     } else {
         return None;
