@@ -344,4 +344,22 @@ mod tests {
         assert!(found.cost < 1.02 * targets, "{} {:?}", found.cost / targets, &found.point.theta[layout.len()..]);
         assert!((found.point.theta[layout.len() + 2] - 18.0).abs() < 0.1);
     }
+
+    /// A contact too hard for bold steps of its shapes: the damping rises, and a step gains less than the tolerance far from the minimum.
+    #[test]
+    fn a_damped_step_that_gains_little_is_no_arrival_while_the_whole_one_promises_more() {
+        let mut truth = Parameters::example();
+        truth.pump.f1 *= 4.0;
+        let rubber = find("end_stop").and_then(|e| e.refined()).unwrap().effect;
+        let values = [6.0, 6.0, 18.0, 10.0, 0.0, 0.0, 0.06];
+        let runs = [7, 8].map(|seed| dynamic(&truth, Some((rubber, values.to_vec())), 12.0, seed));
+        let (problem, layout) = (problem(&runs), layout(&truth));
+        let effort = Effort { iterations: 60, tolerance: 1e-3, ..Effort::default() };
+        for own in [[20.0, 20.0, 24.0, 1.5, 0.0, 0.0, 0.01], [10.0, 10.0, 22.0, 1.0, 0.0, 0.0, 0.02]] {
+            let start = [&layout.vector_of(&truth)[..], &own].concat();
+            let found = fit(&problem, &layout.with(rubber), problem.point(start), effort).unwrap();
+            let left = found.cost / problem.targets() as f64;
+            assert!(found.converged && left < 1.03, "{left} from {own:?}");
+        }
+    }
 }
