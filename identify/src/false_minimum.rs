@@ -5,7 +5,7 @@ use model::Parameters;
 use model::integrate::SimulationError;
 
 use crate::fit::{Effort, FAR, Fit, fit};
-use crate::guided::Guided;
+use crate::guided::{GUIDED_S, Guided};
 use crate::problem::Problem;
 
 /// The first seconds of each run that a fit is led over: a short horizon has few false minima.
@@ -42,8 +42,6 @@ pub fn left_behind(problem: &Problem, reached: Fit, afar: &[f64]) -> Fit {
     }
 }
 
-/// The first seconds of each run that are fitted under a guide.
-const GUIDED_S: f64 = 10.0;
 /// Noise variances a target from which more than noise is left: a lever that sticks aside leaves many.
 const MORE_THAN_NOISE: f64 = 1.2;
 

@@ -37,6 +37,9 @@ pub struct Led {
     pub cost: f64,
 }
 
+/// A start is led on this much of each run where the simulation follows what was measured, s.
+pub const GUIDED_S: f64 = 10.0;
+
 /// Guides that let go step by step. The first is short against all that a lever does, and still long against the noise: an error of 0.1 Nm at
 /// 0.1 kg m2 leaves the lever 0.05 degrees off.
 const GUIDES: [Guide; 2] = [Guide { lever_s: 0.03, pressure_s: 0.1 }, Guide { lever_s: 0.1, pressure_s: 0.5 }];

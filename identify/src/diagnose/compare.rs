@@ -4,10 +4,10 @@ use model::effects::Effect;
 use model::integrate::SimulationError;
 
 use super::round::Round;
-use super::{GUIDED_S, MATERIAL, PREFERRED, Ranked};
+use super::{MATERIAL, PREFERRED, Ranked};
 use crate::colour::colours;
 use crate::fit::{Effort, Fit};
-use crate::guided::{Guided, taken_away};
+use crate::guided::{GUIDED_S, Guided, taken_away};
 use crate::misfit;
 use crate::problem::Problem;
 use crate::refit::{Bases, Refit, advantage, refit};

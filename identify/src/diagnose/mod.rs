@@ -137,8 +137,6 @@ const MOST_ROUNDS: usize = 3;
 
 /// Candidates are screened and first refitted on this much of each run with a free lever, s; the leaders then on all.
 const BRIEF_S: f64 = 40.0;
-/// A start is led on this much of each run where the simulation follows what was measured, s.
-const GUIDED_S: f64 = 10.0;
 /// Horizon over which a start from the component experiments is led, s.
 const SHORT_S: f64 = 8.0;
 /// Structured residual (noise floors) from which an effect counts as gross.
