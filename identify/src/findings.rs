@@ -1,10 +1,12 @@
 //! `findings.json`: what a diagnosis concludes, for other programs.
 
+use model::effects::Parameter;
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
 use crate::diagnose::{Added, Diagnosis, Ranked, Verdict};
 use crate::judged::NotJudged;
 use crate::plausible::SetAside;
+use crate::uncertainty::Known;
 use crate::validate::ValidatedRun;
 
 /// The id of an effect that the library does not have.
@@ -116,7 +118,7 @@ pub struct Finding {
 pub struct Value {
     /// In `unit`.
     pub value: f64,
-    /// Standard error. Where the data tell nothing of the parameter, that of a uniform distribution over its physical range.
+    /// Standard error. Where the data tell nothing of the parameter (or less than that), that of a uniform distribution over its physical range.
     pub std: f64,
     /// Unit.
     pub unit: &'static str,
@@ -234,14 +236,21 @@ fn parameters(diagnosis: &Diagnosis, added: &Added) -> Vec<(&'static str, Value)
     known
         .filter(|(i, _)| !is_held(diagnosis, added, *i))
         .map(|(_, (p, (&value, known)))| {
-            let (std, interval) = if known.std.is_finite() {
-                (known.std, [value - known.half_interval, value + known.half_interval])
-            } else {
-                ((p.upper - p.lower) / 12f64.sqrt(), [p.lower, p.upper])
-            };
+            let (std, interval) = within(p, value, *known);
             (p.name, Value { value, std, unit: p.unit, interval })
         })
         .collect()
+}
+
+/// Standard error and interval of a value. Data that know less of a parameter than its physical range does tell nothing.
+fn within(p: &Parameter, value: f64, known: Known) -> (f64, [f64; 2]) {
+    let uniform = (p.upper - p.lower) / 12f64.sqrt();
+    // nor is an undefined error one
+    if known.std < uniform {
+        (known.std, [value - known.half_interval, value + known.half_interval])
+    } else {
+        (uniform, [p.lower, p.upper])
+    }
 }
 
 /// The data do not ask for this parameter of an effect that was added: the effect explains them without it, and it was held
@@ -270,4 +279,25 @@ pub fn ranking(ranked: &[Ranked]) -> Vec<Candidate> {
 /// Rounding may leave a sum of weights a hair above 1; a weight that can't be told is none.
 fn probability(p: f64) -> f64 {
     if p.is_finite() { p.clamp(0.0, 1.0) } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn data_that_know_less_of_a_parameter_than_its_physical_range_does_tell_nothing() {
+        let effects = model::effects::LIBRARY;
+        for p in effects.iter().flat_map(|e| e.header().parameters) {
+            let range = p.upper - p.lower;
+            let known = |std: f64| within(p, p.lower, Known { std, half_interval: 2.0 * std });
+            let (std, [from, to]) = known(0.01 * range);
+            assert_eq!((std, from, to), (0.01 * range, p.lower - 0.02 * range, p.lower + 0.02 * range), "{}", p.name);
+            for tells_nothing in [1e7 * range, f64::INFINITY, f64::NAN] {
+                let (std, interval) = known(tells_nothing);
+                assert_eq!(interval, [p.lower, p.upper], "{}", p.name);
+                assert!((std / range - 0.2887).abs() < 1e-4, "{}: {std}", p.name);
+            }
+        }
+    }
 }

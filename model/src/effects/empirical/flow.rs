@@ -5,7 +5,7 @@ use crate::effects::{Balance, Header, Law, Parameter};
 use crate::port::{AMBIENT_BAR, Port, PortKind, Rest};
 use crate::scalar::Scalar;
 
-static FLOW: [Parameter; 19] = [
+static FLOW: [Parameter; 22] = [
     term("leak_both", "ml/(s bar)", 0.002),
     term("leak_difference", "ml/(s bar)", 0.002),
     term("leak_square", "ml/(s bar^2)", 0.001),
@@ -25,11 +25,16 @@ static FLOW: [Parameter; 19] = [
     term("leak_over3", "ml/(s bar)", 0.005),
     term("leak_over4", "ml/(s bar)", 0.005),
     term("past_pressure_slow", "ml/(s bar)", 0.02),
+    term("transfer_one_way", "ml/(s bar)", 0.01),
+    term("transfer_over", "ml/(s bar)", 0.01),
+    term("transfer_back_over", "ml/(s bar)", 0.01),
 ];
-static FLOW_STARTS: [[f64; 19]; 19] = typical(&FLOW);
+static FLOW_STARTS: [[f64; 22]; 22] = typical(&FLOW);
 
 /// Pressures from which on a leak may grow faster: a valve that weeps, a joint that gapes.
 const OPENS_BAR: [f64; 3] = [2.0, 3.0, 4.0];
+/// Pressure that cracks a valve between the chambers.
+const CRACKS_BAR: f64 = 0.5;
 
 /// Flows into the chambers, their capacity and displacement.
 pub struct EmpiricalFlow;
@@ -55,7 +60,9 @@ impl Law for EmpiricalFlow {
             let dp = h.pressure_bar[0] - h.pressure_bar[1];
             let a = h.angle_rad / 0.7;
             if !h.shut_off {
-                let transfer = k[3] * dp + k[4] * dp * dp * dp + k[14] * through_orifice(dp);
+                let smooth = k[3] * dp + k[4] * dp * dp * dp + k[14] * through_orifice(dp);
+                let over = |dp: S| (dp - CRACKS_BAR).at_least(0.0);
+                let transfer = smooth + k[19] * dp.at_least(0.0) + k[20] * over(dp) - k[21] * over(-dp);
                 h.flow_ml_s[0] -= transfer;
                 h.flow_ml_s[1] += transfer;
             }
@@ -130,6 +137,21 @@ mod tests {
         assert_eq!(flow([2.0, 6.0], false), [other, one], "the chambers are alike");
         assert_eq!(flow([3.0, 3.0], false), [0.0, 0.0]);
         assert_eq!(flow([6.0, 2.0], true), [0.0, 0.0]);
+    }
+
+    #[test]
+    fn what_opens_one_way_is_shut_the_other() {
+        for (term, opens_bar, way) in
+            [("transfer_one_way", 0.0, 1.0), ("transfer_over", 0.5, 1.0), ("transfer_back_over", 0.5, -1.0)]
+        {
+            let flow = |dp: f64| acts(term, [3.0 + dp, 3.0]).0;
+            let open = flow(2.0 * way);
+            assert!(
+                (open[0] + 0.3 * (2.0 - opens_bar) * way).abs() < 1e-12 && open[0] + open[1] == 0.0,
+                "{term}: {open:?}"
+            );
+            assert_eq!((flow(-2.0 * way), flow(0.9 * opens_bar * way)), ([0.0, 0.0], [0.0, 0.0]), "{term}");
+        }
     }
 
     #[test]
