@@ -103,9 +103,7 @@ pub fn fit_from(
         let active = pushed_out(&point.theta, &bounds, &normal.gradient, &normal.matrix);
         let enough = effort.promise * misfit(problem, cost);
         let of_initial: f64 = normal.promised_by_initial().iter().sum();
-        // of the whole step: a damped one promises little along a flat direction, however far its minimum is
-        let whole = damped_step(&normal.matrix, &normal.gradient, &active, 1e-13);
-        let promised = whole.map(|step| normal.gradient.dot(&step) + of_initial);
+        let promised = promised_by_parameters(&normal, &active).map(|own| own + of_initial);
         if enough.is_finite() && promised.is_some_and(|promised| promised < enough) {
             converged = true;
             known = Some(pieces);
@@ -196,6 +194,21 @@ pub fn fit_from(
         tracing::debug!(iteration, cost, damping, "fit");
     }
     Ok((Fit { layout: layout.clone(), point, cost, converged }, known))
+}
+
+/// What the whole step of the parameters would gain linearly: a damped one promises little along a flat direction, however far its minimum is.
+fn promised_by_parameters(normal: &Normal, held: &[bool]) -> Option<f64> {
+    damped_step(&normal.matrix, &normal.gradient, held, 1e-13).map(|step| normal.gradient.dot(&step))
+}
+
+/// Cost of the minimum that the slopes at a point promise; a fit from there goes on with them.
+pub fn promised_minimum(problem: &Problem, layout: &Layout, point: &Point) -> Result<f64, SimulationError> {
+    let pieces = problem.linearised(layout, point)?;
+    let normal = problem.normal(&pieces, layout.len(), point);
+    let held = pushed_out(&point.theta, &layout.bounds(), &normal.gradient, &normal.matrix);
+    let of_initial: f64 = normal.promised_by_initial().iter().sum();
+    let gain = promised_by_parameters(&normal, &held).map_or(f64::INFINITY, |own| own + of_initial);
+    Ok(problem.cost_of_pieces(&pieces, point) - gain)
 }
 
 /// Cost a target (noise alone: 1) from which a fit is far from the noise.
@@ -361,5 +374,18 @@ mod tests {
             let left = found.cost / problem.targets() as f64;
             assert!(found.converged && left < 1.03, "{left} from {own:?}");
         }
+    }
+
+    #[test]
+    fn slopes_promise_the_minimum_that_a_fit_then_reaches() {
+        let truth = Parameters::example();
+        let (problem, layout) = (problem(&[dynamic(&truth, None, 12.0, 7)]), layout(&truth));
+        let mut beside = problem.point(layout.vector_of(&truth));
+        beside.theta[0] *= 1.002;
+        let cost = problem.cost(&layout, &beside);
+        let promised = promised_minimum(&problem, &layout, &beside).unwrap();
+        let reached = fit(&problem, &layout, beside, Effort::default()).unwrap().cost;
+        assert!(cost - reached > 5.0, "{cost} {reached}");
+        assert!((promised - reached).abs() < 0.2 * (cost - reached), "{cost} promises {promised}: {reached}");
     }
 }

@@ -3,7 +3,7 @@
 
 use model::effects::find;
 
-use crate::fit::{Effort, Fit, fit};
+use crate::fit::{Effort, Fit, fit, promised_minimum};
 use crate::layout::Layout;
 use crate::problem::Problem;
 
@@ -11,7 +11,7 @@ use crate::problem::Problem;
 const STEPS: [f64; 4] = [0.2, 0.1, 0.05, 0.025];
 /// A trial counts that leaves at most this share of the cost.
 const BETTER: f64 = 0.98;
-/// A trial is a few steps with all shapes held.
+/// A trial is a few steps with all shapes held, where the slopes promise as much.
 const TRIAL: Effort = Effort { iterations: 2, tolerance: 1e-3, promise: f64::INFINITY, creep: 0.0, ahead: false };
 /// Most trials.
 const MOST: usize = 24;
@@ -54,7 +54,8 @@ pub fn search(problem: &Problem, found: Fit, effort: Effort) -> Fit {
                     continue;
                 }
                 trials += 1;
-                if let Ok(tried) = fit(problem, &layout, point, TRIAL)
+                if promised_minimum(problem, &layout, &point).is_ok_and(|promised| promised < BETTER * best.cost)
+                    && let Ok(tried) = fit(problem, &layout, point, TRIAL)
                     && tried.cost < BETTER * best.cost
                 {
                     best = Fit { layout: best.layout, ..tried };

@@ -4,6 +4,7 @@
 //! Units: rad, rad/s, Nm, bar absolute, ml/s, ml/bar, ml/rad, V, s. A plant that moves along a line fills the mechanical port with
 //! position, speed and force.
 
+use crate::rec::STORED_FROM_BAR;
 use crate::scalar::Scalar;
 
 /// Ambient pressure, bar absolute. Gauge pressure is `p - AMBIENT_BAR`.
@@ -42,6 +43,8 @@ pub struct LinePort<S> {
     pub time_s: f64,
     /// Voltage that drives the pump, V.
     pub voltage_v: S,
+    /// Pressure at the line's ends, chambers 1 and 2, bar absolute.
+    pub pressure_bar: [S; 2],
     /// Pressure difference across the pump, bar.
     pub dp_bar: S,
     /// Flow from chamber 2 to chamber 1; an effect may replace it, ml/s.
@@ -107,14 +110,17 @@ pub struct MechanicalPort<S> {
 }
 
 impl<S: Scalar> LinePort<S> {
-    /// An open line through which nothing flows yet, with the voltage (V) and the pressure difference (bar) across the pump.
+    /// An open line through which nothing flows yet, with the voltage (V) and the pressure difference (bar) across the pump, about [`STORED_FROM_BAR`].
     pub fn open(time_s: f64, voltage_v: S, dp_bar: S) -> Self {
+        let half_bar = dp_bar * 0.5;
+        let pressure_bar = [half_bar + STORED_FROM_BAR, -half_bar + STORED_FROM_BAR];
         let zero = S::zero();
         let (flow_ml_s, slip_ml_s_bar, drive_ml_s) = (zero, zero, zero);
         let (bypass_ml_s_bar, bypass_opening) = (zero, zero);
         LinePort {
             time_s,
             voltage_v,
+            pressure_bar,
             dp_bar,
             flow_ml_s,
             slip_ml_s_bar,

@@ -144,7 +144,7 @@ impl ClosedLoops {
             return acting_v;
         }
         let rates = around.rates(settings);
-        let dp_bar = seen.dp_bar();
+        let (pressure_bar, dp_bar) = (seen.pressure_bar(), seen.dp_bar());
         let then = closed.map_or(now, |closed| closed.then);
         let elapsed_s = now.scheduled_ns.saturating_sub(then.scheduled_ns) as f64 * 1e-9;
         let time_s = now.seconds();
@@ -158,13 +158,14 @@ impl ClosedLoops {
                 closed.pi.learn(elapsed_s, closed.delivered_ml_s, moved_ml, demand, rates);
                 closed.pi
             }
-            None => Pi::closed_at(plant.flow_ml_s(time_s, acting_v, dp_bar), demand, rates),
+            None => Pi::closed_at(plant.flow_ml_s(time_s, acting_v, pressure_bar), demand, rates),
         };
         let flow_ml_s = pi.flow_ml_s(demand, rates);
         let rest_share = if closed.is_some_and(|closed| closed.turns) { REST_SHARE_IF_IT_TURNS } else { 1.0 };
         let inverse = |flow_ml_s| voltage_with_rest(pump, flow_ml_s, dp_bar, rest_share * settings.rest_flow_ml_s);
-        let voltage_v = plant.voltage_v(time_s, flow_ml_s, dp_bar, inverse);
-        let delivered_ml_s = if settings.anti_windup { plant.flow_ml_s(time_s, voltage_v, dp_bar) } else { flow_ml_s };
+        let voltage_v = plant.voltage_v(time_s, flow_ml_s, pressure_bar, inverse);
+        let delivered_ml_s =
+            if settings.anti_windup { plant.flow_ml_s(time_s, voltage_v, pressure_bar) } else { flow_ml_s };
         *closed = Some(Closed { around, pi, then: now, before: *seen, delivered_ml_s, turns: voltage_v != 0.0 });
         voltage_v
     }

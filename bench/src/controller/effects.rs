@@ -134,8 +134,9 @@ impl KnownEffects {
         Chambers { capacity_ml_bar, displacement_ml_rad, flow_ml_s }
     }
 
-    /// Flow at a voltage (V) and pressure difference (bar), brake open, bypass closed, ml/s: eq. (10) and the effects on it.
-    pub(super) fn flow_ml_s(&self, k: &[f64; COUNT], time_s: f64, voltage_v: f64, dp_bar: f64) -> f64 {
+    /// Flow at a voltage (V) and the chambers' pressures (bar absolute), brake open, bypass closed, ml/s: eq. (10) and the effects on it.
+    pub(super) fn flow_ml_s(&self, k: &[f64; COUNT], time_s: f64, voltage_v: f64, pressure_bar: [f64; 2]) -> f64 {
+        let dp_bar = pressure_bar[0] - pressure_bar[1];
         let (flow_ml_s, delivers) = pump_flow(k, voltage_v, dp_bar);
         if !self.set.touches(PortKind::Line) {
             return flow_ml_s;
@@ -144,6 +145,7 @@ impl KnownEffects {
         let mut port = LinePort {
             time_s,
             voltage_v,
+            pressure_bar,
             dp_bar,
             flow_ml_s,
             slip_ml_s_bar: slip.abs().max(0.02),
@@ -163,13 +165,14 @@ impl KnownEffects {
         k: &[f64; COUNT],
         time_s: f64,
         flow_ml_s: f64,
-        dp_bar: f64,
+        pressure_bar: [f64; 2],
         inverse: impl Fn(f64) -> f64,
     ) -> f64 {
         let mut voltage_v = inverse(flow_ml_s);
         if self.set.touches(PortKind::Line) {
+            let dp_bar = pressure_bar[0] - pressure_bar[1];
             for _ in 0..ROUNDS {
-                let added = self.flow_ml_s(k, time_s, voltage_v, dp_bar) - pump_flow(k, voltage_v, dp_bar).0;
+                let added = self.flow_ml_s(k, time_s, voltage_v, pressure_bar) - pump_flow(k, voltage_v, dp_bar).0;
                 voltage_v = inverse(flow_ml_s - added);
             }
         }

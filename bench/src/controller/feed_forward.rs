@@ -88,18 +88,18 @@ impl Plant {
     }
 
     /// Flow at a time of the run (s), voltage (V) and pressure difference p1 - p2 (bar), eq. (10) with its effects, ml/s.
-    pub fn flow_ml_s(&self, time_s: f64, voltage_v: f64, dp_bar: f64) -> f64 {
-        self.effects.flow_ml_s(&self.k, time_s, voltage_v, dp_bar)
+    pub fn flow_ml_s(&self, time_s: f64, voltage_v: f64, pressure_bar: [f64; 2]) -> f64 {
+        self.effects.flow_ml_s(&self.k, time_s, voltage_v, pressure_bar)
     }
 
     /// Voltage for a flow; `inverse` is that of eq. (10).
-    pub fn voltage_v(&self, time_s: f64, flow_ml_s: f64, dp_bar: f64, inverse: impl Fn(f64) -> f64) -> f64 {
-        self.effects.voltage_v(&self.k, time_s, flow_ml_s, dp_bar, inverse)
+    pub fn voltage_v(&self, time_s: f64, flow_ml_s: f64, pressure_bar: [f64; 2], inverse: impl Fn(f64) -> f64) -> f64 {
+        self.effects.voltage_v(&self.k, time_s, flow_ml_s, pressure_bar, inverse)
     }
 
-    /// The pump's largest flow at equal pressures, ml/s.
+    /// The pump's largest flow at equal pressures in the middle of their range, ml/s.
     pub fn most_flow_ml_s(&self) -> f64 {
-        self.flow_ml_s(0.0, self.u_max_v, 0.0)
+        self.flow_ml_s(0.0, self.u_max_v, [STORED_FROM_BAR; 2])
     }
 
     /// How much oil a motion takes here, eqs. (7), (8), (13), (14) with the effects on them.

@@ -86,13 +86,14 @@ impl PumpController {
 
     fn flow_voltage_v(&self, now: Tick, flow_ml_s: f64) -> f64 {
         let (effects, k) = &self.effects;
-        let dp_bar = effects.corrected(now.seconds(), &self.seen).dp_bar();
+        let seen = effects.corrected(now.seconds(), &self.seen);
+        let dp_bar = seen.dp_bar();
         match &self.pump {
             None => f64::NAN,
             Some(_) if !dp_bar.is_finite() => self.acting_v,
             Some(pump) => {
                 let inverse = |flow_ml_s| voltage_for_flow(pump, flow_ml_s, dp_bar);
-                effects.voltage_v(k, now.seconds(), flow_ml_s, dp_bar, inverse)
+                effects.voltage_v(k, now.seconds(), flow_ml_s, seen.pressure_bar(), inverse)
             }
         }
     }

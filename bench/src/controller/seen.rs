@@ -30,6 +30,11 @@ impl Seen {
         }
     }
 
+    /// p1 and p2, bar absolute.
+    pub fn pressure_bar(&self) -> [f64; 2] {
+        [self.pressure1_bar, self.pressure2_bar]
+    }
+
     /// p1 - p2, bar.
     pub fn dp_bar(&self) -> f64 {
         self.pressure1_bar - self.pressure2_bar

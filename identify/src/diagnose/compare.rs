@@ -89,7 +89,8 @@ pub(super) fn refit_all(
     }
     out.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
     let gain = before - out.first().map_or(before, |r| r.fit.cost.min(beside));
-    for r in out.iter_mut().take(SHAPED).filter(|r| before - r.fit.cost > HALF * gain) {
+    let hope = least_gain(problem, bases.scene.fit);
+    for r in out.iter_mut().take(SHAPED).filter(|r| before - r.fit.cost > (HALF * gain).max(hope)) {
         if a_form_may_tell(problem, &r.fit) {
             r.fit = forms::refined(problem, r.fit.clone(), &r.added, forms::FOLLOWED, GENERAL.effort(), forms::CLEARLY);
         }
@@ -114,6 +115,14 @@ const HARDLY_MORE: f64 = 1.5;
 /// A fit of cost `after` takes away all but nothing of what one of cost `before` leaves beside noise.
 pub(super) fn is_nearly_all(problem: &Problem, before: f64, after: f64) -> bool {
     taken_away(before, after, problem.targets()) > NEARLY_ALL
+}
+
+/// Share of what is missing below which a candidate at its minimum is not what is missing, in no shape or form.
+const HOPE: f64 = 0.1;
+
+/// What a candidate must gain on a model to be what that lacks, or part of it.
+pub(super) fn least_gain(problem: &Problem, without: &Fit) -> f64 {
+    misfit::parts_left_by(problem, without).map_or(0.0, |missing| HOPE * misfit::cost(&missing))
 }
 
 /// So many of the best candidates are given their general form and other shapes where theirs leave more than noise: the rig's may differ, or

@@ -5,7 +5,9 @@ use std::collections::BTreeSet;
 use model::effects::Effect;
 use model::integrate::SimulationError;
 
-use super::compare::{is_sound, joined, look_alikes, nested_on, rank, refit_all, rivals, where_they_differ};
+use super::compare::{
+    is_sound, joined, least_gain, look_alikes, nested_on, rank, refit_all, rivals, where_they_differ,
+};
 use super::holdout::HoldOut;
 use super::round::Round;
 use super::whole::Seated;
@@ -260,8 +262,16 @@ impl<'a> Search<'a> {
         if !alike.is_empty() {
             refits = joined(refits, refit_all(&self.brief, &bases, round, &alike, None, self.progress));
         }
+        let without = round.scene.fit;
+        let leads = |best: &Refit| without.cost - best.fit.cost >= least_gain(&self.brief, without);
+        if !refits.first().is_some_and(leads) {
+            if found.ranking.is_empty() {
+                found.ranking = rank(&self.brief, &refits)?;
+            }
+            return Ok(None);
+        }
         let Some(best) = refits.first_mut() else { return Ok(None) };
-        let seated = self.seated(found, &last.fit, &best.fit, round.scene.fit)?;
+        let seated = self.seated(found, &last.fit, &best.fit, without)?;
         if let Some(Seated { brief: Some(brief), .. }) = &seated {
             best.fit = brief.clone();
         }

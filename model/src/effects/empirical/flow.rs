@@ -5,7 +5,7 @@ use crate::effects::{Balance, Header, Law, Parameter};
 use crate::port::{AMBIENT_BAR, Port, PortKind, Rest};
 use crate::scalar::Scalar;
 
-static FLOW: [Parameter; 22] = [
+static FLOW: [Parameter; 23] = [
     term("leak_both", "ml/(s bar)", 0.002),
     term("leak_difference", "ml/(s bar)", 0.002),
     term("leak_square", "ml/(s bar^2)", 0.001),
@@ -28,11 +28,14 @@ static FLOW: [Parameter; 22] = [
     term("transfer_one_way", "ml/(s bar)", 0.01),
     term("transfer_over", "ml/(s bar)", 0.01),
     term("transfer_back_over", "ml/(s bar)", 0.01),
+    term("capacity_common", "ml/bar", 0.02),
 ];
-static FLOW_STARTS: [[f64; 22]; 22] = typical(&FLOW);
+static FLOW_STARTS: [[f64; 23]; 23] = typical(&FLOW);
 
 /// Pressures from which on a leak may grow faster: a valve that weeps, a joint that gapes.
 const OPENS_BAR: [f64; 3] = [2.0, 3.0, 4.0];
+/// Time over which the rate of the pressure difference is taken, s: short against all that a lever does.
+const COMMON_S: f64 = 0.03;
 /// Pressure that cracks a valve between the chambers.
 const CRACKS_BAR: f64 = 0.5;
 
@@ -50,7 +53,7 @@ impl Law for EmpiricalFlow {
         measure: MEASURE,
         literature: "",
         parameters: &FLOW,
-        states: 4,
+        states: 5,
         starts: &each_alone(&FLOW_STARTS),
         passive: false,
     };
@@ -66,6 +69,11 @@ impl Law for EmpiricalFlow {
                 h.flow_ml_s[0] -= transfer;
                 h.flow_ml_s[1] += transfer;
             }
+            // what a wall between the chambers gives as one of them rises against the other: its capacity times the rate of the difference
+            dx[4] = (dp - x[4]) / COMMON_S;
+            let common = k[22] * dx[4];
+            h.flow_ml_s[0] -= common;
+            h.flow_ml_s[1] += common;
             for (i, side) in [(0, 1.0), (1, -1.0)] {
                 let p = h.pressure_bar[i];
                 let gauge = p - AMBIENT_BAR;
@@ -87,6 +95,7 @@ impl Law for EmpiricalFlow {
         for i in 0..2 {
             (x[i], x[2 + i]) = (rest.pressure_bar[i], rest.pressure_bar[i]);
         }
+        x[4] = rest.pressure_bar[0] - rest.pressure_bar[1];
     }
 }
 
@@ -96,12 +105,16 @@ mod tests {
     use super::*;
     use crate::port::HydraulicPort;
 
+    /// The past of pressures that do not change.
+    fn still([p1, p2]: [f64; 2]) -> [f64; 5] {
+        [p1, p2, p1, p2, p1 - p2]
+    }
+
     /// Flow and capacity of a term of 0.3 alone.
     fn acts(term: &str, pressure_bar: [f64; 2]) -> ([f64; 2], [f64; 2]) {
         let k = alone::<EmpiricalFlow>(term, 0.3);
         let mut port = HydraulicPort::at(1.0, pressure_bar);
-        let still = [pressure_bar, pressure_bar].concat();
-        EmpiricalFlow.act(&k, &still, &mut [0.0; 4], &mut Port::Hydraulic(&mut port));
+        EmpiricalFlow.act(&k, &still(pressure_bar), &mut [0.0; 5], &mut Port::Hydraulic(&mut port));
         (port.flow_ml_s, port.capacity_ml_bar)
     }
 
@@ -128,8 +141,7 @@ mod tests {
         let k = alone::<EmpiricalFlow>("transfer_root", 0.3);
         let flow = |pressure_bar: [f64; 2], shut_off: bool| {
             let mut port = HydraulicPort { shut_off, ..HydraulicPort::at(1.0, pressure_bar) };
-            let still = [pressure_bar, pressure_bar].concat();
-            EmpiricalFlow.act(&k, &still, &mut [0.0; 4], &mut Port::Hydraulic(&mut port));
+            EmpiricalFlow.act(&k, &still(pressure_bar), &mut [0.0; 5], &mut Port::Hydraulic(&mut port));
             port.flow_ml_s
         };
         let [one, other] = flow([6.0, 2.0], false);
@@ -155,13 +167,25 @@ mod tests {
     }
 
     #[test]
+    fn a_common_wall_takes_from_the_chamber_that_rises_and_gives_to_the_other() {
+        let k = alone::<EmpiricalFlow>("capacity_common", 0.3);
+        let mut port = HydraulicPort::at(1.0, [3.0, 2.0]);
+        let mut x = still([3.0, 2.0]);
+        // the difference rises by 2 bar a second
+        x[4] -= 2.0 * COMMON_S;
+        EmpiricalFlow.act(&k, &x, &mut [0.0; 5], &mut Port::Hydraulic(&mut port));
+        assert!((port.flow_ml_s[0] + 0.6).abs() < 1e-9 && port.flow_ml_s[0] + port.flow_ml_s[1] == 0.0);
+        assert_eq!(acts("capacity_common", [4.0, 2.0]).0, [0.0, 0.0], "at rest");
+    }
+
+    #[test]
     fn a_chamber_s_past_shows_after_a_change_alone_fast_or_slow() {
         for (term, state, per_second) in [("past_pressure", 0, 2.0), ("past_pressure_slow", 2, 0.25)] {
             let k = alone::<EmpiricalFlow>(term, 0.3);
             let flow = |pressure_bar: [f64; 2]| {
                 let mut port = HydraulicPort::at(1.0, pressure_bar);
-                let mut dx = [0.0; 4];
-                EmpiricalFlow.act(&k, &[2.0, 3.0, 2.0, 3.0], &mut dx, &mut Port::Hydraulic(&mut port));
+                let mut dx = [0.0; 5];
+                EmpiricalFlow.act(&k, &still([2.0, 3.0]), &mut dx, &mut Port::Hydraulic(&mut port));
                 (port.flow_ml_s, dx[state])
             };
             assert_eq!(flow([2.0, 3.0]), ([0.0, 0.0], 0.0), "{term} at rest");

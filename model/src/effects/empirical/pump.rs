@@ -3,9 +3,10 @@
 use super::{MEASURE, VALIDITY, each_alone, grown, term, through_orifice, typical};
 use crate::effects::{Balance, Header, Law, Parameter};
 use crate::port::{Port, PortKind, Rest};
+use crate::rec::STORED_FROM_BAR;
 use crate::scalar::Scalar;
 
-static PUMP: [Parameter; 16] = [
+static PUMP: [Parameter; 18] = [
     term("voltage2", "ml/s", 0.05),
     term("voltage_square_odd", "ml/s", 0.05),
     term("voltage3", "ml/s", 0.05),
@@ -22,8 +23,13 @@ static PUMP: [Parameter; 16] = [
     term("bypass_root", "ml/(s sqrt(bar))", 2.0),
     term("after_bypass_opening", "ml/(s bar)", 2.0),
     term("after_bypass_closing", "ml/(s bar)", 2.0),
+    term("voltage_intake", "ml/(s bar)", 0.05),
+    term("voltage_low_intake", "ml bar^2/s", 0.1),
 ];
-static PUMP_STARTS: [[f64; 16]; 16] = typical(&PUMP);
+static PUMP_STARTS: [[f64; 18]; 18] = typical(&PUMP);
+
+/// Vapour of the oil, nearly: no pump draws from less.
+const LEAST_BAR: f64 = 0.2;
 
 /// Flow through pump and line.
 pub struct EmpiricalPump;
@@ -33,7 +39,7 @@ impl Law for EmpiricalPump {
         id: "empirical_pump",
         balance: Balance::Pump,
         ports: &[PortKind::Line],
-        summary: "a smooth flow through pump and valves over voltage, its past, the valves' past, and time",
+        summary: "a smooth flow through pump and valves over voltage, its past, the pressures, the valves' past, and time",
         equation: "Q += opening of the brake valve * sum of c_i * term_i, and what the valves pass, or do not yet, after they were switched; voltage in units of 24 V",
         validity: VALIDITY,
         measure: MEASURE,
@@ -60,6 +66,8 @@ impl Law for EmpiricalPump {
             if l.bypass_opening.value() > 0.0 {
                 l.flow_ml_s += k[13] * through_orifice(dp) * l.bypass_opening;
             }
+            // the side that the pump draws from: with little pressure there it fills less
+            let intake = l.pressure_bar[if u.value() > 0.0 { 1 } else { 0 }].at_least(LEAST_BAR);
             // through the brake valve as what the pump delivers: none of it where that is closed, also while the bypass is open
             l.flow_ml_s += (k[0] * u * u
                 + k[1] * u * u.abs()
@@ -68,6 +76,7 @@ impl Law for EmpiricalPump {
                 + (k[4] * dp.abs() + k[5] * dp * dp) * dp
                 + k[12] * through_orifice(dp)
                 + (k[6] * dp + k[7] * u) * grown(l.time_s)
+                + (k[16] * (intake - STORED_FROM_BAR) + k[17] / (intake * intake)) * u
                 + k[8] * (x[0] - u)
                 + k[9] * (x[1] - u))
                 * l.opening;
@@ -155,6 +164,24 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn what_fills_less_at_low_pressure_goes_by_the_side_that_the_pump_draws_from() {
+        let flow = |voltage_v: f64, pressure_bar: [f64; 2]| {
+            let k = alone::<EmpiricalPump>("voltage_low_intake", -0.8);
+            let dp_bar = pressure_bar[0] - pressure_bar[1];
+            let mut line = LinePort { pressure_bar, ..LinePort::open(1.0, voltage_v, dp_bar) };
+            let u = voltage_v / 24.0;
+            EmpiricalPump.act(&k, &[u, u, 1.0, 0.0], &mut [0.0; 4], &mut Port::Line(&mut line));
+            line.flow_ml_s
+        };
+        let (low, high) = (flow(12.0, [4.0, 2.0]), flow(12.0, [2.0, 4.0]));
+        assert!(
+            (low + 0.1).abs() < 1e-12 && (high + 0.025).abs() < 1e-12,
+            "0.8 / 4, 0.8 / 16 times a half: {low} {high}"
+        );
+        assert_eq!((flow(-12.0, [2.0, 4.0]), flow(-12.0, [4.0, 2.0])), (-low, -high), "the sides are alike");
     }
 
     #[test]
