@@ -313,6 +313,26 @@ mod tests {
     }
 
     #[test]
+    fn what_a_candidate_must_gain_is_a_share_of_what_is_missing_and_next_to_nothing_where_nothing_is() {
+        let truth = model::Parameters::example();
+        let lag = model::effects::find("pump_lag").unwrap();
+        for (values, missing) in [(None, false), (Some((lag, vec![0.05])), true)] {
+            let problem = crate::common::problem(&[crate::common::dynamic(&truth, values, 20.0, 51)]);
+            let layout = crate::common::layout(&truth);
+            let at = problem.point(layout.vector_of(&truth));
+            let fit = crate::fit::fit(&problem, &layout, at, Effort::default()).unwrap();
+            let (least, targets) = (least_gain(&problem, &fit), problem.targets() as f64);
+            if missing {
+                let whole = fit.cost - targets;
+                assert!(whole > 10.0 * targets, "a misfit of {whole}");
+                assert!(least > 0.05 * whole && least < 0.11 * whole, "{least} of {whole}");
+            } else {
+                assert!(least < 0.005 * targets, "{least} of {targets}");
+            }
+        }
+    }
+
+    #[test]
     fn a_form_is_asked_for_where_more_than_its_share_is_left() {
         let truth = model::Parameters::example();
         let plain = model::effects::find("pump_lag").unwrap();

@@ -3,9 +3,10 @@
 use model::effects::Balance;
 use model::integrate::SimulationError;
 
+use super::found::{Found, Name, Step};
 use super::nameless::{BEYOND_NOISE, is_certain};
 use super::round::Round;
-use super::search::{Found, Name, Search, Step};
+use super::search::Search;
 use super::{Added, CONSISTENT, DISAGREE, Diagnosis, EXPLAINED, GROSS, MATERIAL, MOST_EFFECTS, SUBSTANTIAL, Verdict};
 use crate::fit::{Fit, fit};
 use crate::identification::polish;

@@ -6,7 +6,8 @@
 use model::integrate::SimulationError;
 
 use super::compare::{GENERAL, to_the_end};
-use super::search::{HELD, Name, Search, Step};
+use super::found::{Name, Step};
+use super::search::{HELD, Search};
 use super::{CONSISTENT, PREFERRED};
 use crate::fit::fit;
 use crate::forms::{FOLLOWED, refined};

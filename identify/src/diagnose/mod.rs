@@ -7,6 +7,7 @@
 mod compare;
 mod conclude;
 mod form;
+mod found;
 mod holdout;
 mod nameless;
 mod needless;

@@ -6,9 +6,10 @@ use model::integrate::SimulationError;
 
 use super::compare::refit_all;
 use super::conclude::explained_share;
+use super::found::{Found, Step};
 use super::holdout::HoldOut;
 use super::round::Round;
-use super::search::{Found, Search, Step};
+use super::search::Search;
 use super::under_guide::UnderGuide;
 use super::whole::on_the_whole;
 use super::{CLEAR, LEVEL, PREFERRED};

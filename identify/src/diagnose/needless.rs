@@ -6,7 +6,8 @@
 
 use model::integrate::SimulationError;
 
-use super::search::{Search, Step};
+use super::found::Step;
+use super::search::Search;
 use super::{MATERIAL, PREFERRED};
 use crate::colour::{Colour, colours};
 use crate::fit::{Effort, Fit};
@@ -73,7 +74,7 @@ mod tests {
     use super::*;
     use crate::common::{layout, problem, run};
     use crate::diagnose::Declared;
-    use crate::diagnose::search::Name;
+    use crate::diagnose::found::Name;
     use model::Parameters;
     use model::effects::{Effect, find};
 

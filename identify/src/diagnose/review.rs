@@ -8,8 +8,9 @@ use model::integrate::SimulationError;
 
 use super::PREFERRED;
 use super::compare::{is_nearly_all, joined, look_alikes, rank, refit_all, rivals, to_the_end, where_they_differ};
+use super::found::{Found, Name, Step};
 use super::round::Round;
-use super::search::{Found, Name, Search, Step, is_gross};
+use super::search::{Search, is_gross};
 use crate::fit::{Effort, Fit};
 use crate::refit::{Refit, advantage};
 

@@ -8,18 +8,19 @@ use model::integrate::SimulationError;
 use super::compare::{
     is_sound, joined, least_gain, look_alikes, nested_on, rank, refit_all, rivals, where_they_differ,
 };
+use super::found::{Found, Name, Step};
 use super::holdout::HoldOut;
 use super::round::Round;
 use super::whole::Seated;
 use super::{
-    BRIEF_S, CLEAR, CONSISTENT, Declared, EXPLAINED, GROSS, LEVEL, LOST, MATERIAL, MOST_EFFECTS, PREFERRED, Ranked,
-    SHORT_S, SUBSTANTIAL, most_names,
+    BRIEF_S, CLEAR, CONSISTENT, Declared, EXPLAINED, GROSS, LEVEL, LOST, MATERIAL, MOST_EFFECTS, PREFERRED, SHORT_S,
+    SUBSTANTIAL, most_names,
 };
 use crate::colour::{Colour, colours};
 use crate::fit::Fit;
 use crate::guided::{Guided, SHOWS};
 use crate::identification::covariance_of;
-use crate::misfit::{self, Part};
+use crate::misfit;
 use crate::problem::Problem;
 use crate::refit::{Bases, Refit, advantage};
 use crate::shapes;
@@ -66,86 +67,6 @@ pub(super) struct Search<'a> {
     pub clusters: Vec<Vec<usize>>,
     pub count: usize,
     pub progress: &'a dyn Fn(&str),
-}
-
-/// An effect that was added.
-#[derive(Clone)]
-pub(super) struct Name {
-    pub effect: &'static dyn Effect,
-    /// Among the candidates of its round.
-    pub probability: f64,
-    /// Sets of ids that explain the data as well.
-    pub equivalent: Vec<String>,
-    /// The run that would tell it from them, where there are any.
-    pub next_experiment: Option<String>,
-}
-
-/// A model with what was added, fitted to the whole.
-#[derive(Clone)]
-pub(super) struct Step {
-    pub fit: Fit,
-    pub names: Vec<Name>,
-    pub residual: Vec<Vec<f64>>,
-    /// Residuals of folds that were left out.
-    pub held_out: Vec<Vec<f64>>,
-    /// Part of what the effects do that sits in runs which ask for other sizes: the largest of all.
-    pub disagreement: f64,
-    /// The library's score test was asked, and is not significant.
-    pub silent: bool,
-}
-
-impl Step {
-    /// Ids of what is named, whatever its rivals.
-    pub fn ids(&self) -> BTreeSet<&'static str> {
-        self.names.iter().map(|n| n.effect.header().id).collect()
-    }
-
-    /// The run that would tell a name from its rivals, where there are any: of the last name that has some.
-    pub fn next_experiment(&self) -> Option<String> {
-        self.names.iter().rev().find_map(|name| name.next_experiment.clone())
-    }
-}
-
-/// What was found so far.
-pub(super) struct Found {
-    /// The reference model, then with one effect, then with two.
-    pub steps: Vec<Step>,
-    /// Candidates of the first round.
-    pub ranking: Vec<Ranked>,
-    /// The noise: by channel, as the fit that leaves least shows it.
-    pub colours: Vec<Colour>,
-    /// Terms without a name that convince by themselves, once they were looked for.
-    pub convincing: Option<Option<Step>>,
-}
-
-impl Found {
-    pub fn last(&self) -> &Step {
-        self.steps.last().unwrap_or_else(|| unreachable!("the reference model is a step"))
-    }
-
-    /// Goes on from a step. One that has dropped an earlier name stands in that one's place, and one of the same names in that of the
-    /// step before.
-    pub fn take(&mut self, step: Step) {
-        let keeps = |before: &Step| {
-            let ids: Vec<&str> = step.names.iter().map(|n| n.effect.header().id).collect();
-            before.names.len() < ids.len() && before.names.iter().all(|n| ids.contains(&n.effect.header().id))
-        };
-        self.steps.retain(keeps);
-        self.steps.push(step);
-    }
-
-    pub fn parts(&self, problem: &Problem, step: &Step) -> Vec<Part> {
-        misfit::parts(problem, &step.residual, &self.colours)
-    }
-
-    /// Takes the noise of a better fit.
-    pub fn learn(&mut self, problem: &Problem, residual: &[Vec<f64>]) {
-        for (own, other) in self.colours.iter_mut().zip(colours(problem, residual)) {
-            if other.at(0) < own.at(0) {
-                *own = other;
-            }
-        }
-    }
 }
 
 impl<'a> Search<'a> {

@@ -8,8 +8,9 @@ use model::effects::empirical::EMPIRICAL;
 use model::integrate::SimulationError;
 
 use super::GROSS;
+use super::found::Found;
 use super::round::Round;
-use super::search::{Found, Search, is_gross};
+use super::search::{Search, is_gross};
 use crate::guided::{Guided, LEADS};
 use crate::misfit;
 use crate::refit::Bases;

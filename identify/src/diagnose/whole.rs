@@ -3,7 +3,8 @@
 use model::integrate::SimulationError;
 
 use super::compare::{GENERAL, a_form_may_tell, guided, to_the_end};
-use super::search::{Found, Search, is_gross};
+use super::found::Found;
+use super::search::{Search, is_gross};
 use super::{LOST, MATERIAL};
 use crate::false_minimum::left_behind;
 use crate::fit::{Effort, FAR, Fit, fit};
