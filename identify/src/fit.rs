@@ -56,6 +56,16 @@ impl Fit {
         point.theta.drain(own.clone());
         (layout, point)
     }
+
+    /// Parameters of the `n`-th effect.
+    pub fn values_of(&self, n: usize) -> &[f64] {
+        &self.point.theta[self.layout.first_of(n)..self.layout.first_of(n + 1)]
+    }
+
+    /// Every effect is what its name says ([`model::effects::Effect::is_itself`]).
+    pub fn are_themselves(&self) -> bool {
+        self.layout.effects.iter().enumerate().all(|(n, effect)| effect.is_itself(self.values_of(n)))
+    }
 }
 
 /// Minimises the problem's cost from `start`, with the linearisation there that the problem may have kept. It keeps that of the end, where the last step was

@@ -32,7 +32,7 @@ const CHANCE: f64 = 2.0;
 /// What counts as nothing but noise here, noise floors.
 const NOISE: f64 = 0.3;
 
-/// Refits each set of the shortlist; the lowest cost first. `beside`: a candidate that need not be refitted; who leaves many times what that leaves is
+/// Refits each set of the shortlist; the lowest cost first, without what is not itself any more ([`Fit::are_themselves`]). `beside`: a candidate that need not be refitted; who leaves many times what that leaves is
 /// not brought to the end.
 ///
 /// In heats: each candidate gets a few steps, those that keep up some more, and those that are still near the best are brought
@@ -92,12 +92,17 @@ pub(super) fn refit_all(
     let hope = least_gain(problem, bases.scene.fit);
     for r in out.iter_mut().take(SHAPED).filter(|r| before - r.fit.cost > (HALF * gain).max(hope)) {
         if a_form_may_tell(problem, &r.fit) {
-            r.fit = forms::refined(problem, r.fit.clone(), &r.added, forms::FOLLOWED, GENERAL.effort(), forms::CLEARLY);
+            let general =
+                forms::refined(problem, r.fit.clone(), &r.added, forms::FOLLOWED, GENERAL.effort(), forms::CLEARLY);
+            if general.are_themselves() {
+                r.fit = general;
+            }
         }
         if r.led.is_none() && !is_noise(problem, &r.fit) {
             r.fit = shapes::search(problem, r.fit.clone(), HEATS[2].effort());
         }
     }
+    out.retain(|r| r.fit.are_themselves());
     out.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
     for r in &out {
         progress(&format!("{} refitted: cost {:.0} from {before:.0}", r.added.join(" + "), r.fit.cost));
@@ -211,8 +216,11 @@ pub(super) fn joined(mut refits: Vec<Refit>, more: Vec<Refit>) -> Vec<Refit> {
     refits
 }
 
-/// The effect's sizes together are known to be other than zero, and none is pressed against a physical bound.
+/// The effect is what its name says, its sizes together are known to be other than zero, and none is pressed against a physical bound.
 pub(super) fn is_sound(fit: &Fit, covariance: &nalgebra::DMatrix<f64>, n: usize) -> bool {
+    if !fit.layout.effects[n].is_itself(fit.values_of(n)) {
+        return false;
+    }
     let first = fit.layout.first_of(n);
     let mut sizes = Vec::new();
     for (i, p) in fit.layout.effects[n].header().parameters.iter().enumerate().filter(|(_, p)| p.size) {

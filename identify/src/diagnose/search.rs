@@ -326,4 +326,24 @@ mod tests {
         assert!(!matter_of_form(0.02, 1.0, 0.3), "a seventh of the amplitude");
         assert!(!matter_of_form(f64::NAN, f64::NAN, 0.0), "nothing was there");
     }
+
+    #[test]
+    fn a_stiffness_that_grows_throughout_the_stroke_is_no_end_stop() {
+        let mut truth = model::Parameters::example();
+        truth.pump.f1 *= 4.0;
+        let find = |id| model::effects::find(id).unwrap();
+        let (cubic, stop) = (find("torque_cubic"), find("end_stop"));
+        let runs = [7, 8].map(|seed| crate::common::dynamic(&truth, Some((cubic, vec![-3.0, 0.0, 0.0])), 20.0, seed));
+        let (problem, layout) = (crate::common::problem(&runs), crate::common::layout(&truth));
+        let component = layout.vector_of(&truth);
+        let at = problem.point(component.clone());
+        let base = crate::fit::fit(&problem, &layout, at, crate::fit::Effort::default()).unwrap();
+        let search = Search::new(&[], &Declared { problem: &problem, fit: &base, component: &component }, &|_| ());
+        let without = search.nested(&base).unwrap();
+        let round = Round::new(&search.brief, &without, [cubic, stop].into_iter()).unwrap();
+        let bases = search.bases(&round, None, true);
+        let refits = refit_all(&search.brief, &bases, &round, &[vec![cubic], vec![stop]], None, &|_| ());
+        assert_eq!(refits[0].only(), Some("torque_cubic"));
+        assert!(refits.iter().all(|r| r.fit.are_themselves()), "a contact from the middle of the stroke on");
+    }
 }

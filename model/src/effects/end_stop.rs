@@ -54,7 +54,20 @@ impl Law for EndStop {
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         press([k[0], k[1]], [k[2], k[2]], port, |depth, _| depth);
     }
+
+    fn is_itself(&self, k: &[f64]) -> bool {
+        begins_near_an_end(k)
+    }
 }
+
+/// What would begin nearer to the middle than `phi_c` may lie, where a fit ends at that bound or just within it, is no contact with an end, but something
+/// that acts throughout the stroke.
+fn begins_near_an_end(k: &[f64]) -> bool {
+    k[2] > EndStop::HEADER.parameters[2].lower + WITHIN_DEG
+}
+
+/// How near to its bound `phi_c` stands at it, deg.
+const WITHIN_DEG: f64 = 0.5;
 
 /// A contact that stiffens or softens with its depth, begins earlier at one end, and loses what it was pushed in with.
 struct Progressive;
@@ -97,6 +110,10 @@ impl Law for Progressive {
         press([k[0], k[1]], [k[2] + k[4], k[2] - k[4]], port, |depth, speed| {
             Self::linear_depth_rad(depth, k[3], k[6]) * (k[5] * speed + 1.0).at_least(0.0)
         });
+    }
+
+    fn is_itself(&self, k: &[f64]) -> bool {
+        begins_near_an_end(k)
     }
 }
 

@@ -227,6 +227,10 @@ pub trait Law: Sync + 'static {
     fn rest<S: Scalar>(&self, _k: &[S], _rest: &Rest<S>, x: &mut [S]) {
         x.fill(S::zero());
     }
+    /// With these parameters it is what its name says: what acts from the middle of the stroke on, say, is no end stop, though its law can be bent to it.
+    fn is_itself(&self, _k: &[f64]) -> bool {
+        true
+    }
 }
 
 /// A [`Law`] behind a pointer: one entry point for each scalar.
@@ -237,6 +241,8 @@ pub trait Effect: Sync {
     fn closes_volume(&self) -> bool;
     /// [`Law::REFINED`].
     fn refined(&self) -> Option<&'static Refined>;
+    /// [`Law::is_itself`].
+    fn is_itself(&self, k: &[f64]) -> bool;
     /// [`Law::act`] for values.
     fn act_value(&self, k: &[f64], x: &[f64], dx: &mut [f64], port: &mut Port<'_, f64>);
     /// [`Law::act`] with derivatives.
@@ -256,6 +262,9 @@ impl<L: Law> Effect for L {
     }
     fn refined(&self) -> Option<&'static Refined> {
         const { &L::REFINED }.as_ref()
+    }
+    fn is_itself(&self, k: &[f64]) -> bool {
+        Law::is_itself(self, k)
     }
     fn act_value(&self, k: &[f64], x: &[f64], dx: &mut [f64], port: &mut Port<'_, f64>) {
         self.act(k, x, dx, port);

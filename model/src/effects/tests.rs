@@ -185,6 +185,21 @@ fn the_contracts_ids_are_there_with_their_balances() {
 }
 
 #[test]
+fn effects_are_themselves_at_their_starts_and_a_stop_in_the_middle_of_the_stroke_is_none() {
+    for effect in listed() {
+        for start in effect.header().starts {
+            assert!(effect.is_itself(start), "{} at {start:?}", effect.header().id);
+        }
+    }
+    let stop = super::find("end_stop").unwrap();
+    let general = stop.refined().unwrap().effect;
+    for (phi_c_deg, is_stop) in [(15.0, false), (15.02, false), (20.0, true)] {
+        assert_eq!(stop.is_itself(&[1.0, 1.0, phi_c_deg]), is_stop, "{phi_c_deg}");
+        assert_eq!(general.is_itself(&[1.0, 1.0, phi_c_deg, 10.0, 0.0, 0.0, 0.1]), is_stop, "{phi_c_deg}");
+    }
+}
+
+#[test]
 fn without_size_an_effect_leaves_the_base_model_to_the_bit() {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let k = Parameters::example().to_vector();
