@@ -113,7 +113,7 @@ pub fn fit_from(
         let active = pushed_out(&point.theta, &bounds, &normal.gradient, &normal.matrix);
         let enough = effort.promise * misfit(problem, cost);
         let of_initial: f64 = normal.promised_by_initial().iter().sum();
-        let promised = promised_by_parameters(&normal, &active).map(|own| own + of_initial);
+        let promised = promised(&normal, &active);
         if enough.is_finite() && promised.is_some_and(|promised| promised < enough) {
             converged = true;
             known = Some(pieces);
@@ -206,19 +206,18 @@ pub fn fit_from(
     Ok((Fit { layout: layout.clone(), point, cost, converged }, known))
 }
 
-/// What the whole step of the parameters would gain linearly: a damped one promises little along a flat direction, however far its minimum is.
-fn promised_by_parameters(normal: &Normal, held: &[bool]) -> Option<f64> {
-    damped_step(&normal.matrix, &normal.gradient, held, 1e-13).map(|step| normal.gradient.dot(&step))
+/// What the whole step would gain linearly: a damped one promises little along a flat direction, however far its minimum is.
+fn promised(normal: &Normal, held: &[bool]) -> Option<f64> {
+    let step = damped_step(&normal.matrix, &normal.gradient, held, 1e-13)?;
+    Some(normal.gradient.dot(&step) + normal.promised_by_initial().iter().sum::<f64>())
 }
 
-/// Cost of the minimum that the slopes at a point promise; a fit from there goes on with them.
+/// Cost of the minimum that the slopes at a point promise, without bound below where they promise none; a fit from there goes on with them.
 pub fn promised_minimum(problem: &Problem, layout: &Layout, point: &Point) -> Result<f64, SimulationError> {
     let pieces = problem.linearised(layout, point)?;
     let normal = problem.normal(&pieces, layout.len(), point);
     let held = pushed_out(&point.theta, &layout.bounds(), &normal.gradient, &normal.matrix);
-    let of_initial: f64 = normal.promised_by_initial().iter().sum();
-    let gain = promised_by_parameters(&normal, &held).map_or(f64::INFINITY, |own| own + of_initial);
-    Ok(problem.cost_of_pieces(&pieces, point) - gain)
+    Ok(problem.cost_of_pieces(&pieces, point) - promised(&normal, &held).unwrap_or(f64::INFINITY))
 }
 
 /// Cost a target (noise alone: 1) from which a fit is far from the noise.

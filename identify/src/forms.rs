@@ -19,7 +19,7 @@ const FEW: Effort = Effort { iterations: 3, tolerance: 1e-3, promise: f64::INFIN
 const BEHIND: f64 = 5.0;
 
 /// The fit, or one that leaves at most the share `better` of its cost, in which those of these effects that have a general form carry it, brought to its
-/// minimum with this effort. Of the starts of each the `followed` that cost least are, and where none comes down one beside the library's form. Effects that
+/// minimum with this effort, and still are what their names say. Of the starts of each the `followed` that cost least are, and where none comes down one beside the library's form. Effects that
 /// a model had before keep theirs.
 pub fn refined(problem: &Problem, found: Fit, added: &[&str], followed: usize, effort: Effort, better: f64) -> Fit {
     let mut best = found;
@@ -41,7 +41,7 @@ pub fn refined(problem: &Problem, found: Fit, added: &[&str], followed: usize, e
         let led = |(_, layout, point): (f64, Layout, Point)| fit(problem, &layout, point, FEW).ok();
         let lowest = few.filter_map(led).min_by(|a, b| a.cost.total_cmp(&b.cost));
         let ended = |led: Fit| fit(problem, &led.layout, led.point, effort).ok();
-        let taken = |general: &Fit| general.cost < better * best.cost;
+        let taken = |general: &Fit| general.cost < better * best.cost && general.are_themselves();
         let general = lowest.filter(|led| led.cost < BEHIND * best.cost).and_then(ended).filter(taken);
         // where no start comes down
         let general = general.or_else(|| {

@@ -45,8 +45,6 @@ pub struct LinePort<S> {
     pub voltage_v: S,
     /// Pressure at the line's ends, chambers 1 and 2, bar absolute.
     pub pressure_bar: [S; 2],
-    /// Pressure difference across the pump, bar.
-    pub dp_bar: S,
     /// Flow from chamber 2 to chamber 1; an effect may replace it, ml/s.
     pub flow_ml_s: S,
     /// Size of the slope of the pump's flow over the pressure difference, ml/(s bar), positive.
@@ -121,7 +119,6 @@ impl<S: Scalar> LinePort<S> {
             time_s,
             voltage_v,
             pressure_bar,
-            dp_bar,
             flow_ml_s,
             slip_ml_s_bar,
             bypass_ml_s_bar,
@@ -130,6 +127,11 @@ impl<S: Scalar> LinePort<S> {
             opening: S::constant(1.0),
             open: true,
         }
+    }
+
+    /// Pressure difference across the pump, p1 - p2, bar.
+    pub fn dp_bar(&self) -> S {
+        self.pressure_bar[0] - self.pressure_bar[1]
     }
 }
 

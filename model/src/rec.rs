@@ -213,7 +213,6 @@ pub(crate) fn derivative_by<S: Scalar, const EFFECTS: bool>(
                 time_s: t,
                 voltage_v: actuator.voltage_v,
                 pressure_bar: pressure,
-                dp_bar: dp,
                 flow_ml_s: flow,
                 slip_ml_s_bar: slip.abs().at_least(0.02),
                 bypass_ml_s_bar,

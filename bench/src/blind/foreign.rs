@@ -171,7 +171,7 @@ impl Law for SlipSquare {
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Line(l) = port {
-            l.flow_ml_s -= k[0] * l.dp_bar * l.dp_bar.abs() * l.opening;
+            l.flow_ml_s -= k[0] * l.dp_bar() * l.dp_bar().abs() * l.opening;
         }
     }
 }

@@ -354,7 +354,7 @@ impl Law for PumpWarmingTwoMasses {
         if let Port::Line(l) = port {
             let time = S::constant(l.time_s);
             let (oil, housing) = ((-(time / k[1])).exp(), (-(time / (k[1] * 8.0))).exp());
-            l.flow_ml_s -= k[0] * (-(oil * 0.6 + housing * 0.4) + 1.0) * l.dp_bar * l.opening;
+            l.flow_ml_s -= k[0] * (-(oil * 0.6 + housing * 0.4) + 1.0) * l.dp_bar() * l.opening;
         }
     }
 }

@@ -146,7 +146,6 @@ impl KnownEffects {
             time_s,
             voltage_v,
             pressure_bar,
-            dp_bar,
             flow_ml_s,
             slip_ml_s_bar: slip.abs().max(0.02),
             bypass_ml_s_bar: 0.0,
@@ -159,7 +158,7 @@ impl KnownEffects {
         port.flow_ml_s
     }
 
-    /// The voltage for a flow: `inverse` solves eq. (10); what the effects add is taken off what it is asked for.
+    /// The voltage for a flow at the chambers' pressures (bar absolute): `inverse` solves eq. (10); what the effects add is taken off what it is asked for.
     pub(super) fn voltage_v(
         &self,
         k: &[f64; COUNT],

@@ -87,12 +87,12 @@ impl Plant {
         Ok(plant)
     }
 
-    /// Flow at a time of the run (s), voltage (V) and pressure difference p1 - p2 (bar), eq. (10) with its effects, ml/s.
+    /// Flow at a time of the run (s), voltage (V) and pressures p1 and p2 (bar absolute), eq. (10) with its effects, ml/s.
     pub fn flow_ml_s(&self, time_s: f64, voltage_v: f64, pressure_bar: [f64; 2]) -> f64 {
         self.effects.flow_ml_s(&self.k, time_s, voltage_v, pressure_bar)
     }
 
-    /// Voltage for a flow; `inverse` is that of eq. (10).
+    /// Voltage (V) for a flow at pressures p1 and p2 (bar absolute); `inverse` is that of eq. (10).
     pub fn voltage_v(&self, time_s: f64, flow_ml_s: f64, pressure_bar: [f64; 2], inverse: impl Fn(f64) -> f64) -> f64 {
         self.effects.voltage_v(&self.k, time_s, flow_ml_s, pressure_bar, inverse)
     }

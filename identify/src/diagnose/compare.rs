@@ -32,8 +32,8 @@ const CHANCE: f64 = 2.0;
 /// What counts as nothing but noise here, noise floors.
 const NOISE: f64 = 0.3;
 
-/// Refits each set of the shortlist; the lowest cost first, without what is not itself any more ([`Fit::are_themselves`]). `beside`: a candidate that need not be refitted; who leaves many times what that leaves is
-/// not brought to the end.
+/// Refits each set of the shortlist; the lowest cost first, without what is not itself any more ([`Fit::are_themselves`]). `beside`: a candidate that
+/// need not be refitted; who leaves many times what that leaves is not brought to the end.
 ///
 /// In heats: each candidate gets a few steps, those that keep up some more, and those that are still near the best are brought
 /// to their minimum, for only there can they be compared. Who falls far behind is in the result as it was left.
@@ -92,11 +92,7 @@ pub(super) fn refit_all(
     let hope = least_gain(problem, bases.scene.fit);
     for r in out.iter_mut().take(SHAPED).filter(|r| before - r.fit.cost > (HALF * gain).max(hope)) {
         if a_form_may_tell(problem, &r.fit) {
-            let general =
-                forms::refined(problem, r.fit.clone(), &r.added, forms::FOLLOWED, GENERAL.effort(), forms::CLEARLY);
-            if general.are_themselves() {
-                r.fit = general;
-            }
+            r.fit = forms::refined(problem, r.fit.clone(), &r.added, forms::FOLLOWED, GENERAL.effort(), forms::CLEARLY);
         }
         if r.led.is_none() && !is_noise(problem, &r.fit) {
             r.fit = shapes::search(problem, r.fit.clone(), HEATS[2].effort());

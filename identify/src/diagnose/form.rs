@@ -39,6 +39,9 @@ impl Search<'_> {
             // where a form can't be linearised, or simulated without a fold, the name keeps the one that it has
             let Ok(ended) = fit(self.problem, &general.layout, general.point, to_the_end()) else { continue };
             let ended = self.sought_from_afar(ended)?;
+            if !ended.are_themselves() {
+                continue;
+            }
             let Some(effect) = ended.layout.effects.iter().copied().find(|e| e.header().id == id) else { continue };
             let names = best.names.iter().map(|name| match name.effect.header().id == id {
                 true => Name { effect, ..name.clone() },

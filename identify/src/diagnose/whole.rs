@@ -70,7 +70,7 @@ impl Search<'_> {
         let added: Vec<&str> =
             fit.layout.effects.iter().map(|e| e.header().id).filter(|id| !before.contains(id)).collect();
         let general = refined(self.problem, fit.clone(), &added, FOLLOWED, GENERAL.effort(), CLEARLY);
-        if general.layout.len() == fit.layout.len() || !general.are_themselves() {
+        if general.layout.len() == fit.layout.len() {
             return None;
         }
         tracing::info!(from = fit.cost, to = general.cost, "general form on the whole runs");

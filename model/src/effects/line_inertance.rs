@@ -35,7 +35,7 @@ impl Law for LineInertance {
 
     fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Line(l) = port {
-            let behind = l.bypass_ml_s_bar * -l.dp_bar;
+            let behind = l.bypass_ml_s_bar * -l.dp_bar();
             if l.opening.value() > 0.0 {
                 let (rate, q) = first_order(k[0] * l.slip_ml_s_bar, l.flow_ml_s - behind, x[0]);
                 dx[0] = rate;
@@ -84,7 +84,7 @@ impl Law for Compliant {
 /// difference is above the chambers'.
 fn before_and_behind<S: Scalar>(k: &[S], x: &[S], dx: &mut [S], l: &mut LinePort<S>) {
     let before_ml_s_bar = l.bypass_ml_s_bar * k[2];
-    let behind = (l.bypass_ml_s_bar - before_ml_s_bar) * -l.dp_bar;
+    let behind = (l.bypass_ml_s_bar - before_ml_s_bar) * -l.dp_bar();
     if !l.open || (l.opening.value() <= 0.0 && before_ml_s_bar.value() <= 0.0) {
         (dx[0], dx[1]) = (-x[0] / SHORTEST_S, -x[1] / SHORTEST_S);
         return;

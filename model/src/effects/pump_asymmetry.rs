@@ -44,7 +44,7 @@ impl Law for PumpAsymmetry {
             let drive = l.drive_ml_s;
             let strength = drive.abs();
             let share = drive / (strength + ONSET_ML_S);
-            l.flow_ml_s += (k[0] * strength + k[1] * share.abs() - k[2] * share * l.dp_bar) * 0.5;
+            l.flow_ml_s += (k[0] * strength + k[1] * share.abs() - k[2] * share * l.dp_bar()) * 0.5;
         }
     }
 }

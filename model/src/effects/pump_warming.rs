@@ -31,7 +31,7 @@ impl Law for PumpWarming {
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Line(l) = port {
             let warmed = -(S::constant(-l.time_s) / k[1]).exp() + 1.0;
-            l.flow_ml_s -= k[0] * warmed * l.dp_bar * l.opening;
+            l.flow_ml_s -= k[0] * warmed * l.dp_bar() * l.opening;
         }
     }
 }
@@ -55,7 +55,7 @@ impl Law for OtherPace {
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Line(l) = port {
             let warmed = -(-slowed(S::constant(l.time_s) / k[1], k[2])).exp() + 1.0;
-            l.flow_ml_s -= k[0] * warmed * l.dp_bar * l.opening;
+            l.flow_ml_s -= k[0] * warmed * l.dp_bar() * l.opening;
         }
     }
 }

@@ -47,7 +47,7 @@ impl Law for EmpiricalFlow {
         id: "empirical_flow",
         balance: Balance::Flow,
         ports: &[PortKind::Hydraulic],
-        summary: "smooth flows, capacities and displacements over pressure, angle and time",
+        summary: "flows, capacities and displacements over pressure, its past, and angle",
         equation: "q_i, C_i, C_v,i += sum of c_i * term_i; angle in units of 0.7 rad",
         validity: VALIDITY,
         measure: MEASURE,

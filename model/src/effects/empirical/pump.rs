@@ -61,7 +61,7 @@ impl Law for EmpiricalPump {
             l.flow_ml_s += if past.value() < 0.0 { k[10] } else { k[11] } * past * u;
             dx[3] = (l.bypass_opening - x[3]) / 0.05;
             let past = x[3] - l.bypass_opening;
-            let dp = l.dp_bar;
+            let dp = l.dp_bar();
             l.flow_ml_s += if past.value() < 0.0 { k[14] } else { k[15] } * past * dp;
             if l.bypass_opening.value() > 0.0 {
                 l.flow_ml_s += k[13] * through_orifice(dp) * l.bypass_opening;
@@ -168,20 +168,21 @@ mod tests {
 
     #[test]
     fn what_fills_less_at_low_pressure_goes_by_the_side_that_the_pump_draws_from() {
-        let flow = |voltage_v: f64, pressure_bar: [f64; 2]| {
-            let k = alone::<EmpiricalPump>("voltage_low_intake", -0.8);
-            let dp_bar = pressure_bar[0] - pressure_bar[1];
-            let mut line = LinePort { pressure_bar, ..LinePort::open(1.0, voltage_v, dp_bar) };
+        let flow = |term: &str, voltage_v: f64, pressure_bar: [f64; 2]| {
+            let k = alone::<EmpiricalPump>(term, -0.8);
+            let mut line = LinePort { pressure_bar, ..LinePort::open(1.0, voltage_v, 0.0) };
             let u = voltage_v / 24.0;
             EmpiricalPump.act(&k, &[u, u, 1.0, 0.0], &mut [0.0; 4], &mut Port::Line(&mut line));
             line.flow_ml_s
         };
-        let (low, high) = (flow(12.0, [4.0, 2.0]), flow(12.0, [2.0, 4.0]));
-        assert!(
-            (low + 0.1).abs() < 1e-12 && (high + 0.025).abs() < 1e-12,
-            "0.8 / 4, 0.8 / 16 times a half: {low} {high}"
-        );
-        assert_eq!((flow(-12.0, [2.0, 4.0]), flow(-12.0, [4.0, 2.0])), (-low, -high), "the sides are alike");
+        // drawn from 2 bar, and from 4
+        for (term, low, high) in [("voltage_low_intake", 0.1, 0.025), ("voltage_intake", -0.2, 0.6)] {
+            let lost = |pressure_bar| -flow(term, 12.0, pressure_bar);
+            assert!((lost([4.0, 2.0]) - low).abs() < 1e-12 && (lost([2.0, 4.0]) - high).abs() < 1e-12, "{term}");
+            assert!((flow(term, -12.0, [2.0, 4.0]) - low).abs() < 1e-12, "{term}: the sides are alike");
+            assert_eq!(flow(term, 0.0, [2.0, 4.0]), 0.0, "{term}: a pump at rest draws nothing");
+        }
+        assert!(flow("voltage_low_intake", 12.0, [2.0, 0.0]).is_finite(), "an empty chamber");
     }
 
     #[test]
