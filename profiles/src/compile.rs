@@ -3,7 +3,8 @@
 use crate::ask::{Hands, Part, Requests};
 use crate::controlled::Controlled;
 use crate::error::ScriptError;
-use crate::playback::{Aim, Instruction, Jump, Playback};
+use crate::instruction::{Aim, Instruction, Jump};
+use crate::playback::Playback;
 use crate::script::{Context, Drive, End, FixtureChange, Item, ItemKind, RandomSteps, RandomWave, Script, Wave};
 use crate::signal::Signal;
 use crate::values::{ticks, ticks_at_least};

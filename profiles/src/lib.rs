@@ -18,6 +18,7 @@ mod envelope;
 mod error;
 mod expand;
 mod fault;
+mod instruction;
 mod needs;
 mod outline;
 mod playback;

@@ -1,64 +1,14 @@
 //! Plays a compiled script: one step a tick, decided by the tick's number and the measurement alone.
 
-use crate::ask::{Before, During, Ends, Part, Request, When, needs_hands};
+use crate::ask::{Before, During, Ends, Request, When, needs_hands};
 use crate::condition::Condition;
-use crate::controlled::Controlled;
+use crate::instruction::{Aim, Instruction};
 use crate::script::{FixtureChange, State};
 use crate::signal::Signal;
 use crate::spread::SpreadWindow;
 use crate::timeout::{Place, Timeout, Waited};
 use crate::values::ticks_at_least;
 use rt_core::{Fixture, Measurement, Reference, Step, Target, Tick, Waiting};
-use std::sync::Arc;
-
-/// One hold, ready to play. It is played at most once, so its conditions keep their state in place.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Instruction {
-    /// Line of the script, from 1.
-    pub line: usize,
-    /// Variables and passes of the loops around it, in words; may be empty.
-    pub with: Arc<str>,
-    /// Looked at before it begins.
-    pub jumps: Vec<Jump>,
-    pub aim: Option<Aim>,
-    pub brake_open: Option<bool>,
-    pub bypass_open: Option<bool>,
-    pub fixture: Option<FixtureChange>,
-    /// Longest duration, in ticks.
-    pub ticks: u64,
-    /// Ends it earlier.
-    pub any: Vec<Condition>,
-    /// Ends when its ramp has arrived.
-    pub on_arrival: bool,
-    /// What people do in it, where the rig does not.
-    pub part: Part,
-    pub new_segment: bool,
-    /// Beyond this angle no voltage drives outward: it changes sign.
-    pub guard_deg: Option<f64>,
-    /// The tick at which its time was over before any of its conditions was met.
-    pub struck_at: Option<u64>,
-}
-
-impl Instruction {
-    fn place(&self) -> Place {
-        Place { line: self.line, with: self.with.as_ref().to_owned() }
-    }
-}
-
-/// What is controlled, and the wave that it follows, times a gain.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Aim {
-    pub quantity: Controlled,
-    pub gain: f64,
-    pub signal: Signal,
-}
-
-/// Where a loop is left.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Jump {
-    pub when: Vec<Condition>,
-    pub to: usize,
-}
 
 /// The aim in force.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -13,6 +13,7 @@ mod ending;
 mod error;
 pub mod live;
 mod mcap_reader;
+mod mcap_records;
 mod mcap_writer;
 mod part_file;
 mod recording;

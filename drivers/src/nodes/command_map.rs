@@ -1,6 +1,6 @@
 //! The bench's frames as nodes read them: `[can.command]` and `[can.fixture]` from the other end.
 
-use super::plant::{Counter, Sync};
+use super::exchange::{Counter, Sync};
 use crate::can::{Frame, FrameId};
 use crate::dbc::{Codec, Database};
 use crate::emulated;

@@ -12,13 +12,15 @@
 //! | [`server`] | the thread that owns pty, bus and plant |
 
 pub mod command_map;
+pub mod exchange;
 pub mod motor;
 pub mod plant;
 pub mod sensor_map;
 mod server;
 
 pub use command_map::CommandMap;
-pub use plant::{Answer, Plant, PlantFactory, Sync};
+pub use exchange::{Answer, Sync};
+pub use plant::{Plant, PlantFactory};
 pub use sensor_map::SensorMap;
 
 use crate::amplifier::{self, AmplifierError, Fault};

@@ -12,7 +12,7 @@
 //! | `TemperatureC`, `SupplyV` | 31.5, 24 |
 //! | `Errors` | time-outs and refused commands |
 
-use super::plant::Answer;
+use super::exchange::Answer;
 use crate::can::{Frame, FrameId};
 use crate::dbc::{Codec, Database, Message};
 use crate::wired::signals::{Sensed, heartbeats, modulus, sensed};

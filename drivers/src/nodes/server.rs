@@ -1,6 +1,6 @@
 //! The thread that owns pty, bus and plant: what comes is handed to them with the time at which it came.
 
-use super::plant::News;
+use super::exchange::News;
 use super::{CommandMap, EmulatorError, MOST_SHOWN, Order, Plant, Seen, SensorMap, Statistics, Trouble, motor};
 use crate::amplifier::{Drive, DriveState, Outbox};
 use crate::can::{End, Frame, FrameId, Heard, Interface, Port, TimedFrame, Wanted};

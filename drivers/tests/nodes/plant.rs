@@ -2,7 +2,8 @@
 
 use super::rig::{FREE, MS, NODE_TIMEOUT_NS, in_process, plant, preparation};
 use drivers::EmulatedRig;
-use drivers::nodes::plant::{Answer, Counter, News, Plant, Sync};
+use drivers::nodes::exchange::{Answer, Counter, News, Sync};
+use drivers::nodes::plant::Plant;
 use drivers::wired::Preparation;
 use proptest::prelude::*;
 use rt_core::{Command, Device, Fixture, Input, Measurement, SafeState, Tick};

@@ -6,6 +6,7 @@ use crate::plant::Plant;
 use crate::prepare::Stretch;
 
 pub mod analysis;
+mod classes;
 mod emps;
 pub mod rec;
 pub mod report;
