@@ -5,8 +5,8 @@
 
 use model::integrate::SimulationError;
 
-use super::compare::{GENERAL, to_the_end};
 use super::found::{Name, Step};
+use super::refits::{GENERAL, to_the_end};
 use super::search::{HELD, Search};
 use super::{CONSISTENT, PREFERRED};
 use crate::fit::fit;

@@ -11,6 +11,7 @@ mod found;
 mod holdout;
 mod nameless;
 mod needless;
+mod refits;
 mod review;
 mod round;
 mod search;

@@ -4,10 +4,10 @@ use model::effects::empirical::EMPIRICAL;
 use model::effects::{Balance, Effect};
 use model::integrate::SimulationError;
 
-use super::compare::refit_all;
 use super::conclude::explained_share;
 use super::found::{Found, Step};
 use super::holdout::HoldOut;
+use super::refits::refit_all;
 use super::round::Round;
 use super::search::Search;
 use super::under_guide::UnderGuide;

@@ -7,8 +7,9 @@
 use model::integrate::SimulationError;
 
 use super::PREFERRED;
-use super::compare::{is_nearly_all, joined, look_alikes, rank, refit_all, rivals, to_the_end, where_they_differ};
+use super::compare::{joined, look_alikes, rank, rivals, where_they_differ};
 use super::found::{Found, Name, Step};
+use super::refits::{is_nearly_all, refit_all, to_the_end};
 use super::round::Round;
 use super::search::{Search, is_gross};
 use crate::fit::{Effort, Fit};

@@ -6,7 +6,7 @@ use model::effects::Effect;
 use model::integrate::SimulationError;
 use rayon::prelude::*;
 
-use super::compare::guided;
+use super::refits::guided;
 use super::search::Search;
 use super::under_guide::UnderGuide;
 use crate::fit::Fit;

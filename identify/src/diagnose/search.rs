@@ -5,11 +5,10 @@ use std::collections::BTreeSet;
 use model::effects::Effect;
 use model::integrate::SimulationError;
 
-use super::compare::{
-    is_sound, joined, least_gain, look_alikes, nested_on, rank, refit_all, rivals, where_they_differ,
-};
+use super::compare::{is_sound, joined, look_alikes, rank, rivals, where_they_differ};
 use super::found::{Found, Name, Step};
 use super::holdout::HoldOut;
+use super::refits::{least_gain, nested_on, refit_all};
 use super::round::Round;
 use super::whole::Seated;
 use super::{

@@ -2,8 +2,8 @@
 
 use model::integrate::SimulationError;
 
-use super::compare::{GENERAL, a_form_may_tell, guided, to_the_end};
 use super::found::Found;
+use super::refits::{GENERAL, a_form_may_tell, guided, to_the_end};
 use super::search::{Search, is_gross};
 use super::{LOST, MATERIAL};
 use crate::false_minimum::left_behind;
