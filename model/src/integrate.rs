@@ -5,6 +5,7 @@
 
 use crate::effects::EffectSet;
 use crate::near::Near;
+use crate::parameters::index::A;
 use crate::rec::{Input, STATES, state};
 use crate::scalar::Scalar;
 use crate::step::{At, Plant, between};
@@ -63,6 +64,8 @@ pub struct Integrator {
     longest_s: f64,
     /// The same where the lever creeps, s: see [`Integrator::resolving_creep`].
     creeping_s: f64,
+    /// The same where it slides on, s: see [`Integrator::gliding_up_to`].
+    gliding_s: f64,
 }
 
 /// What the integration of one plant remembers from one step to the next, so that a step that goes on where the last one
@@ -82,13 +85,15 @@ impl Trail {
 
 /// Step of a slope that is taken 1 away from a state.
 const FAR_STEP: f64 = 1e-5;
+/// Velocities beyond the losses' threshold (times that) at which time constants are looked for: of an elastic friction they fall with it.
+const SLIDING: [f64; 3] = [2.0, 10.0, 100.0];
 /// Most splits of one inner step at kinks; beyond, the step is taken as it is.
 const MOST_SPLITS: usize = 6;
 
 impl Integrator {
     /// Inner steps of at most `longest_s` seconds.
     pub fn new(longest_s: f64) -> Self {
-        Integrator { longest_s, creeping_s: longest_s }
+        Integrator { longest_s, creeping_s: longest_s, gliding_s: longest_s }
     }
 
     /// Inner steps of at most `longest_s`, shorter where the plant near `x` is stiffer than such a step can follow:
@@ -110,32 +115,7 @@ impl Integrator {
         input: &Input,
         x: &[f64],
     ) -> Self {
-        let mut near = Near::new(k);
-        let mut plant = Plant::<MOST_STATES>::new(&mut near, input, k, effects, x.len());
-        let mut at = Plant::lanes(x);
-        at[state::VELOCITY] = 0.0;
-        let mut derivative = |i: usize, x: &[f64; MOST_STATES], dx: &mut [f64; MOST_STATES]| {
-            *dx = [0.0; MOST_STATES];
-            plant.derivative(0.0, x, dx);
-            dx[i]
-        };
-        let (mut base, mut slope) = ([0.0; MOST_STATES], [0.0; MOST_STATES]);
-        derivative(0, &at, &mut base);
-        let mut rate: f64 = 0.0;
-        for i in 0..x.len() {
-            let mut moved = at;
-            let step = 1e-5 * (1.0 + at[i].abs());
-            moved[i] += step;
-            rate = rate.max(-(derivative(i, &moved, &mut slope) - base[i]) / step);
-        }
-        // a play that is not in contact near `x` will be elsewhere: the slopes of the effects' own states far to both sides
-        for (i, side) in (STATES..x.len()).flat_map(|i| [(i, -1.0), (i, 1.0)]) {
-            let mut far = at;
-            far[i] += side;
-            let there = derivative(i, &far, &mut slope);
-            far[i] += FAR_STEP;
-            rate = rate.max(-(derivative(i, &far, &mut slope) - there) / FAR_STEP);
-        }
+        let rate = fastest_rate(k, effects, input, x, 0.0);
         let h = if rate > 0.0 { longest_s.min(share / rate) } else { longest_s };
         Integrator::new(h.max(longest_s / 10.0))
     }
@@ -144,6 +124,24 @@ impl Integrator {
     /// half of the losses' time constant, and nearly all of the error comes from what dies out.
     pub fn resolving_creep(self) -> Self {
         Integrator { creeping_s: 0.25 * self.longest_s, ..self }
+    }
+
+    /// With steps of up to `longest_s` while the lever slides on as it does: faster than the losses' threshold their time constant is ten times longer, and where
+    /// the velocity hardly changes nothing else dies out either. Of at most the shortest time constant that there is at any such velocity near `x`.
+    pub fn gliding_up_to(
+        self,
+        longest_s: f64,
+        k: &[f64],
+        effects: &EffectSet<f64>,
+        inputs: &[Input],
+        x: &[f64],
+    ) -> Self {
+        let each = inputs.iter().flat_map(|input| {
+            SLIDING.iter().flat_map(|v| [*v, -v]).map(|v| fastest_rate(k, effects, input, x, v * k[A]))
+        });
+        let rate = each.fold(0.0, f64::max);
+        let gliding_s = if rate > 0.0 { longest_s.min(1.0 / rate) } else { longest_s };
+        Integrator { gliding_s: gliding_s.max(self.longest_s), ..self }
     }
 
     /// Length of the longest inner step, s.
@@ -248,8 +246,20 @@ impl Integrator {
         let t = now.t;
         let steps = (dt / self.longest_s - 1e-9).ceil().max(1.0);
         let h = dt / steps;
-        for i in 0..steps as usize {
+        let (steps, at_once) = (steps as usize, (self.gliding_s / h + 1e-9) as usize);
+        let mut i = 0;
+        while i < steps {
             now.t = t + i as f64 * h;
+            let ahead = at_once.min(steps - i);
+            if ahead > 1 {
+                let length = ahead as f64 * h;
+                if let Some(next) = plant.glide(&now, length) {
+                    piece(now.t + 0.5 * length, length, &between(&now, &next, length, 0.5)[..x.len()]);
+                    now = next;
+                    i += ahead;
+                    continue;
+                }
+            }
             let mut left = h;
             let mut splits = 0;
             loop {
@@ -268,11 +278,43 @@ impl Integrator {
                     break;
                 }
             }
+            i += 1;
         }
         x.copy_from_slice(&now.x[..x.len()]);
         check(t + dt, x)?;
         Ok(now)
     }
+}
+
+/// The largest rate at which a state near `x`, at this velocity (rad/s), goes back by itself, 1/s; 0 where none does.
+fn fastest_rate(k: &[f64], effects: &EffectSet<f64>, input: &Input, x: &[f64], velocity: f64) -> f64 {
+    let mut near = Near::new(k);
+    let mut plant = Plant::<MOST_STATES>::new(&mut near, input, k, effects, x.len());
+    let mut at = Plant::lanes(x);
+    at[state::VELOCITY] = velocity;
+    let mut derivative = |i: usize, x: &[f64; MOST_STATES], dx: &mut [f64; MOST_STATES]| {
+        *dx = [0.0; MOST_STATES];
+        plant.derivative(0.0, x, dx);
+        dx[i]
+    };
+    let (mut base, mut slope) = ([0.0; MOST_STATES], [0.0; MOST_STATES]);
+    derivative(0, &at, &mut base);
+    let mut rate: f64 = 0.0;
+    for i in 0..x.len() {
+        let mut moved = at;
+        let step = 1e-5 * (1.0 + at[i].abs());
+        moved[i] += step;
+        rate = rate.max(-(derivative(i, &moved, &mut slope) - base[i]) / step);
+    }
+    // a play that is not in contact near `x` will be elsewhere: the slopes of the effects' own states far to both sides
+    for (i, side) in (STATES..x.len()).flat_map(|i| [(i, -1.0), (i, 1.0)]) {
+        let mut far = at;
+        far[i] += side;
+        let there = derivative(i, &far, &mut slope);
+        far[i] += FAR_STEP;
+        rate = rate.max(-(derivative(i, &far, &mut slope) - there) / FAR_STEP);
+    }
+    rate
 }
 
 /// The state is one that the model can stand in.

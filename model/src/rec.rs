@@ -149,6 +149,12 @@ pub(crate) fn creeps(input: &Input, branches: u32) -> bool {
     input.lever == Lever::Free && branches >> 3 == 0
 }
 
+/// On these branches the lever is free and faster than the losses' threshold.
+#[inline(always)]
+pub(crate) fn slides(input: &Input, branches: u32) -> bool {
+    input.lever == Lever::Free && branches >> 3 != 0
+}
+
 /// [`Derived::branches`] without the derivative; `dx` is scratch.
 #[inline(always)]
 pub(crate) fn branches(input: &Input, k: &[f64], effects: &EffectSet<f64>, t: f64, x: &[f64], dx: &mut [f64]) -> u32 {

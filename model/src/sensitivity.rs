@@ -15,7 +15,7 @@ use crate::step::rests;
 ///
 /// The variational equation S' = A S + B is taken at the middle of a step, with A and B from dual numbers, and advanced by
 /// its exponential: second order in the step, stable where the plant is. A and B change as slowly as the state does between kinks,
-/// so steps in a row on one branch under one input share those of their middle where the equations are straight between their states: the slope in the
+/// so steps in a row on one branch under one input, of whatever lengths, share those of their middle where the equations are straight between their states: the slope in the
 /// middle is then the mean of those at the ends. Kinks and steep places of an effect that pushes the lever, which no branch tells, show in that as well. Two steps
 /// do so beside other effects on the plant.
 pub struct Sensitivity {
@@ -25,12 +25,23 @@ pub struct Sensitivity {
     s: Vec<f64>,
     next: Vec<f64>,
     shared: Option<Shared>,
-    /// A, of what is shared.
+    /// A and B, of what is shared,
     a: [[f64; MOST_STATES]; MOST_STATES],
-    /// exp(A dt) and its integral times B, of what is shared.
-    transition: [[f64; MOST_STATES]; MOST_STATES],
+    b: Vec<f64>,
+    /// and what they make of steps of these lengths: the first `known` ones.
+    transitions: [Transition; LENGTHS],
+    known: usize,
+}
+
+/// exp(A dt) and its integral times B.
+struct Transition {
+    dt: f64,
+    states: [[f64; MOST_STATES]; MOST_STATES],
     drive: Vec<f64>,
 }
+
+/// Steps of so many lengths take turns, as those between three rows of a block do; of more the oldest is forgotten.
+const LENGTHS: usize = 3;
 
 /// Most steps that share A and B.
 const MOST_SHARED: f64 = 8.0;
@@ -73,7 +84,6 @@ fn alike(a: &Input, b: &Input) -> bool {
 /// What A and B belong to.
 struct Shared {
     input: Input,
-    dt: f64,
     until_s: f64,
     branches: u32,
     steps: f64,
@@ -90,8 +100,13 @@ impl Sensitivity {
             next: empty.clone(),
             shared: None,
             a: [[0.0; MOST_STATES]; MOST_STATES],
-            transition: [[0.0; MOST_STATES]; MOST_STATES],
-            drive: empty,
+            b: empty.clone(),
+            transitions: std::array::from_fn(|_| Transition {
+                dt: 0.0,
+                states: [[0.0; MOST_STATES]; MOST_STATES],
+                drive: empty.clone(),
+            }),
+            known: 0,
         }
     }
 
@@ -118,20 +133,24 @@ impl Sensitivity {
     #[inline(always)]
     fn advance_in(&mut self, seeds: &Seeds, input: &Input, t: f64, dt: f64, middle: &[f64]) {
         let branches = seeds.branches(input, t, middle);
-        let kept = self.shared.as_ref().is_some_and(|s| {
-            s.branches == branches && t < s.until_s && (s.dt - dt).abs() < 1e-9 * dt && alike(&s.input, input)
-        });
+        let kept = self
+            .shared
+            .as_ref()
+            .is_some_and(|s| s.branches == branches && t < s.until_s && alike(&s.input, input));
         if !kept {
             let (steps, centre) = self.shared_from(seeds, input, t, dt, middle, branches);
-            self.linearise(seeds, input, t + 0.5 * (steps - 1.0) * dt, dt, &centre[..middle.len()]);
-            self.shared = Some(Shared { input: *input, dt, until_s: t + (steps - 0.5) * dt, branches, steps });
+            self.linearise(seeds, input, t + 0.5 * (steps - 1.0) * dt, &centre[..middle.len()]);
+            self.shared = Some(Shared { input: *input, until_s: t + (steps - 0.5) * dt, branches, steps });
         }
+        let of_length = |known: &Transition| (known.dt - dt).abs() < 1e-9 * dt;
+        let at = self.transitions[..self.known].iter().position(of_length).unwrap_or_else(|| self.transit(dt));
         let (n, m) = (self.states, self.columns);
-        self.next.copy_from_slice(&self.drive);
+        let over = &self.transitions[at];
+        self.next.copy_from_slice(&over.drive);
         for i in 0..n {
             let row = &mut self.next[i * m..(i + 1) * m];
             for j in 0..n {
-                let f = self.transition[i][j];
+                let f = over.states[i][j];
                 if f != 0.0 {
                     for (r, s) in row.iter_mut().zip(&self.s[j * m..(j + 1) * m]) {
                         *r += f * s;
@@ -191,26 +210,44 @@ impl Sensitivity {
         (1.0, ahead(0.0))
     }
 
-    /// Transition and drive over `dt` from A and B at this state.
+    /// A and B at this state.
     #[inline(always)]
-    fn linearise(&mut self, seeds: &Seeds, input: &Input, t: f64, dt: f64, middle: &[f64]) {
+    fn linearise(&mut self, seeds: &Seeds, input: &Input, t: f64, middle: &[f64]) {
         // a Tangent is long: no more of them than the plants that one meets have states
         if self.states <= FEW_STATES {
-            linearise_few(self, seeds, input, t, dt, middle);
+            linearise_few(self, seeds, input, t, middle);
         } else {
-            linearise_most(self, seeds, input, t, dt, middle);
+            linearise_most(self, seeds, input, t, middle);
         }
+        self.known = 0;
+    }
+
+    /// What A and B make of a step of `dt` s, and where that is.
+    #[inline(always)]
+    fn transit(&mut self, dt: f64) -> usize {
+        if self.known == LENGTHS {
+            self.transitions.rotate_left(1);
+        } else {
+            self.known += 1;
+        }
+        let at = self.known - 1;
+        self.transitions[at].dt = dt;
+        if self.states <= FEW_STATES {
+            transit_few(self, at);
+        } else {
+            transit_most(self, at);
+        }
+        at
     }
 
     /// With room for `N` states.
     #[inline(always)]
-    fn linearise_in<const N: usize>(&mut self, seeds: &Seeds, input: &Input, t: f64, dt: f64, middle: &[f64]) {
+    fn linearise_in<const N: usize>(&mut self, seeds: &Seeds, input: &Input, t: f64, middle: &[f64]) {
         let (n, m) = (self.states, self.columns);
-        let mut a = [[0.0; N]; N];
         let mut x = [Tangent::constant(0.0); N];
         let mut dx = [Tangent::constant(0.0); N];
         // B; columns beyond the seeded ones (initial states) have none
-        self.next.fill(0.0);
+        self.b.fill(0.0);
         for (pass, pack) in seeds.packs.iter().enumerate() {
             for i in 0..n {
                 x[i] = Tangent::variable(middle[i], i);
@@ -218,24 +255,32 @@ impl Sensitivity {
             rec::derivative_by::<Tangent, true>(&mut Exact, input, &pack.k, &pack.effects, t, &x[..n], &mut dx[..n]);
             for i in 0..n {
                 if pass == 0 {
-                    a[i][..n].copy_from_slice(&dx[i].slope[..n]);
+                    self.a[i][..n].copy_from_slice(&dx[i].slope[..n]);
                 }
-                let row = &mut self.next[i * m + pack.first..];
+                let row = &mut self.b[i * m + pack.first..];
                 row[..pack.count].copy_from_slice(&dx[i].slope[n..n + pack.count]);
             }
         }
-        for (kept, row) in self.a.iter_mut().zip(&a) {
-            kept[..n].copy_from_slice(&row[..n]);
+    }
+
+    /// With room for `N` states.
+    #[inline(always)]
+    fn transit_in<const N: usize>(&mut self, at: usize) {
+        let (n, m) = (self.states, self.columns);
+        let mut a = [[0.0; N]; N];
+        for (row, kept) in a.iter_mut().zip(&self.a) {
+            row[..n].copy_from_slice(&kept[..n]);
         }
+        let Transition { dt, states, drive } = &mut self.transitions[at];
         // exp(A dt) = 1 + A phi, S(dt) = exp(A dt) S + phi B, phi = dt (1 + A dt/2 + (A dt)^2/6 + ...)
-        let phi = exponential_integral(&a, n, dt);
-        self.drive.fill(0.0);
+        let phi = exponential_integral(&a, n, *dt);
+        drive.fill(0.0);
         for i in 0..n {
             for j in 0..n {
-                self.transition[i][j] = f64::from(u8::from(i == j)) + (0..n).map(|l| a[i][l] * phi[l][j]).sum::<f64>();
+                states[i][j] = f64::from(u8::from(i == j)) + (0..n).map(|l| a[i][l] * phi[l][j]).sum::<f64>();
                 if phi[i][j] != 0.0 {
-                    let row = &mut self.drive[i * m..(i + 1) * m];
-                    for (d, b) in row.iter_mut().zip(&self.next[j * m..(j + 1) * m]) {
+                    let row = &mut drive[i * m..(i + 1) * m];
+                    for (d, b) in row.iter_mut().zip(&self.b[j * m..(j + 1) * m]) {
                         *d += phi[i][j] * b;
                     }
                 }
@@ -253,13 +298,23 @@ fn advance_wide(s: &mut Sensitivity, seeds: &Seeds, input: &Input, t: f64, dt: f
 }
 
 #[multiversion(targets("x86_64+avx2"))]
-fn linearise_few(s: &mut Sensitivity, seeds: &Seeds, input: &Input, t: f64, dt: f64, middle: &[f64]) {
-    s.linearise_in::<FEW_STATES>(seeds, input, t, dt, middle);
+fn linearise_few(s: &mut Sensitivity, seeds: &Seeds, input: &Input, t: f64, middle: &[f64]) {
+    s.linearise_in::<FEW_STATES>(seeds, input, t, middle);
 }
 
 #[multiversion(targets("x86_64+avx2"))]
-fn linearise_most(s: &mut Sensitivity, seeds: &Seeds, input: &Input, t: f64, dt: f64, middle: &[f64]) {
-    s.linearise_in::<MOST_STATES>(seeds, input, t, dt, middle);
+fn linearise_most(s: &mut Sensitivity, seeds: &Seeds, input: &Input, t: f64, middle: &[f64]) {
+    s.linearise_in::<MOST_STATES>(seeds, input, t, middle);
+}
+
+#[multiversion(targets("x86_64+avx2"))]
+fn transit_few(s: &mut Sensitivity, at: usize) {
+    s.transit_in::<FEW_STATES>(at);
+}
+
+#[multiversion(targets("x86_64+avx2"))]
+fn transit_most(s: &mut Sensitivity, at: usize) {
+    s.transit_in::<MOST_STATES>(at);
 }
 
 /// Integral of exp(A t) over 0..dt by its series; the steps are short enough (|A| dt of order 1) for eight terms. Rows are summed over all `N`

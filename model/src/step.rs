@@ -13,6 +13,10 @@ const BEYOND: f64 = 1.0 / 1024.0;
 /// Share of the losses' threshold by which the velocity of a lever changes that rests.
 const RESTS: f64 = 1e-3;
 
+/// Share of the losses' threshold by which the velocity of a lever changes at most that slides on: what could die out within the step, and with it the step's
+/// error, is a small part of that.
+const GLIDES: f64 = 0.1;
+
 /// A lever that creeps rests for `h` seconds: with this slope of the states its velocity stays as it is. It follows what drives it, and nothing dies out.
 #[inline(always)]
 pub(crate) fn rests(k: &[f64], effects: &EffectSet<f64>, slope: &[f64], h: f64) -> bool {
@@ -88,6 +92,18 @@ impl<'a, const N: usize> Plant<'a, N> {
         self.derivative(t + h, &ahead(h, &k3), &mut k4);
         let mean: Lanes<N> = std::array::from_fn(|i| k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]);
         self.at(t + h, ahead(h / 6.0, &mean))
+    }
+
+    /// The end of one step of `h` seconds, throughout which a lever faster than the losses' threshold slides on with nearly the same velocity.
+    #[inline(always)]
+    pub fn glide(&mut self, from: &At<N>, h: f64) -> Option<At<N>> {
+        let most = GLIDES * self.k[A] / h;
+        let steady = |at: &At<N>| at.dx[state::VELOCITY].abs() < most;
+        if !(rec::slides(self.input, from.branches) && steady(from)) {
+            return None;
+        }
+        let to = self.step(from, h);
+        (to.branches == from.branches && steady(&to)).then_some(to)
     }
 
     /// A step of length `h`, or its first part where the branch changes within it: its length and its end, s.

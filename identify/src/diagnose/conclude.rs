@@ -12,6 +12,7 @@ use crate::fit::{Fit, fit};
 use crate::identification::polish;
 use crate::misfit::{self, Part};
 use crate::problem::Problem;
+use crate::score::Direction;
 use crate::simplify::{errors_of_simplified, simplify};
 
 impl Search<'_> {
@@ -294,8 +295,8 @@ fn balance_p_values(first: &Round, last: &Round, added: &[Added]) -> Vec<(Balanc
         .into_iter()
         .map(|b| {
             let own = added.iter().any(|a| a.effect.header().balance == b);
-            let round = if own { first } else { last };
-            (b, round.p_value(|d| d.effect.header().balance == b))
+            let in_it = |d: &Direction| d.effect.header().balance == b;
+            (b, if own { first.p_value(in_it) } else { last.p_value(in_it) })
         })
         .collect()
 }

@@ -1,8 +1,8 @@
 //! The rows of a block at which a simulation stops, and their mean, with which a target is compared.
 //!
-//! While a lever is clamped and nothing that drives the oil has changed for some time, what the sensors show bends so little within a block that its mean
-//! follows from the first row, the middle one and the last: by the parabola through them. Nearly all of a torque map is of that kind, and a third of its
-//! rows are enough.
+//! While nothing that drives the oil has changed for some time, what the sensors show bends so little within a block that its mean follows from the first row,
+//! the middle one and the last: by the parabola through them. Nearly all of a torque map is of that kind, and nearly all of a run at constant flow; a third of
+//! their rows are enough, and a lever that slides on takes long steps between them.
 
 use crate::prepare::{Stand, Stretch};
 
@@ -12,13 +12,21 @@ pub(super) struct Stop {
     pub weight: f64,
 }
 
-/// Time after a change of an input from which on the oil only relaxes, s: a pump, a valve or a line has followed long before.
+/// Time after a change of an input from which on the oil of a clamped lever only relaxes, s: a pump, a valve or a line has followed long before.
 const SETTLED_S: f64 = 1.0;
+/// The same for a free lever, whose pressures swing at some 10 Hz and die out within a few tenths of a second. What begins later, as when it breaks away or comes to
+/// a stop, bends a block's mean by less than a thousandth of a degree.
+const SETTLED_FREE_S: f64 = 0.5;
 
 /// The stops of a stretch, in order: all rows, but for those of a block between its first, middle and last where it is settled. `carried`: the lever's
-/// true angle has to be found at every row.
+/// true angle has to be found at every row, as a guide draws at every one.
 pub(super) fn stops(stretch: &Stretch, carried: bool) -> Vec<Stop> {
-    if stretch.stand != Stand::Led || carried {
+    let settled_s = match stretch.stand {
+        Stand::Led => SETTLED_S,
+        Stand::Free => SETTLED_FREE_S,
+        _ => f64::INFINITY,
+    };
+    if settled_s.is_infinite() || carried || stretch.guide.is_some() {
         return (0..stretch.rows()).map(|row| Stop { row, weight: 1.0 }).collect();
     }
     let mut out = Vec::new();
@@ -28,7 +36,7 @@ pub(super) fn stops(stretch: &Stretch, carried: bool) -> Vec<Stop> {
         let ever = (first.max(1)..=last).rfind(|&i| !goes_on(stretch, i));
         changed = ever.unwrap_or(changed);
         let middle = first + (last + 1 - first) / 2;
-        let settled = stretch.time_s[first] - stretch.time_s[changed] > SETTLED_S;
+        let settled = stretch.time_s[first] - stretch.time_s[changed] > settled_s;
         if settled && last - first > 3 && is_complete(stretch, first, last) {
             let rows = [first, middle, last];
             out.extend(rows.into_iter().zip(weights(&stretch.time_s, rows)).map(|(row, weight)| Stop { row, weight }));
@@ -44,7 +52,7 @@ fn goes_on(s: &Stretch, i: usize) -> bool {
     s.voltage_v[i] == s.voltage_v[i - 1]
         && s.brake_open[i] == s.brake_open[i - 1]
         && s.bypass_open[i] == s.bypass_open[i - 1]
-        && s.angle_rad[i] == s.angle_rad[i - 1]
+        && s.angle_rad.get(i) == s.angle_rad.get(i - 1)
 }
 
 /// Every channel that is compared was measured at each of these rows.

@@ -31,6 +31,8 @@ pub struct Linear {
 const DEGREES: f64 = 180.0 / std::f64::consts::PI;
 /// Longest step where the lever moves freely, s.
 const STEP_FREE_S: f64 = 1e-3;
+/// The same where it slides on: from stop to stop of a block that is settled.
+const STEP_GLIDING_S: f64 = 5e-3;
 /// Longest step where it is led, s.
 const STEP_LED_S: f64 = 1e-2;
 /// Longest step where it is clamped, or where the pressures are known as well, s, unless something there is faster than a step where it is led.
@@ -81,7 +83,9 @@ impl<'a> Run<'a> {
         let driven = stands(stretch, &stretch.input(0, 1.0));
         let within = |longest_s: f64| Integrator::for_plant(longest_s, k, effects, &driven, &x);
         let integrator = match stretch.stand {
-            Stand::Free => within(STEP_FREE_S).resolving_creep(),
+            Stand::Free => {
+                within(STEP_FREE_S).resolving_creep().gliding_up_to(STEP_GLIDING_S, k, effects, &driven, &x)
+            }
             Stand::Led | Stand::Drained if within(STEP_LED_S).longest_s() >= STEP_LED_S => within(STEP_CLAMPED_S),
             _ => within(STEP_LED_S),
         };
