@@ -120,6 +120,14 @@ impl Sensitivity {
         self.s[state * self.columns + column] = value;
     }
 
+    /// Adds `factor` times the row of state `from` to that of `state`.
+    pub fn add(&mut self, state: usize, from: usize, factor: f64) {
+        for column in 0..self.columns {
+            let value = factor * self.get(from, column);
+            self.s[state * self.columns + column] += value;
+        }
+    }
+
     /// One state's row.
     pub fn row(&self, state: usize) -> &[f64] {
         &self.s[state * self.columns..(state + 1) * self.columns]
@@ -133,10 +141,8 @@ impl Sensitivity {
     #[inline(always)]
     fn advance_in(&mut self, seeds: &Seeds, input: &Input, t: f64, dt: f64, middle: &[f64]) {
         let branches = seeds.branches(input, t, middle);
-        let kept = self
-            .shared
-            .as_ref()
-            .is_some_and(|s| s.branches == branches && t < s.until_s && alike(&s.input, input));
+        let kept =
+            self.shared.as_ref().is_some_and(|s| s.branches == branches && t < s.until_s && alike(&s.input, input));
         if !kept {
             let (steps, centre) = self.shared_from(seeds, input, t, dt, middle, branches);
             self.linearise(seeds, input, t + 0.5 * (steps - 1.0) * dt, &centre[..middle.len()]);

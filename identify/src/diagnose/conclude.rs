@@ -51,6 +51,11 @@ impl Search<'_> {
         self.leaves(found, before, step).beside_the_point()
     }
 
+    /// The names of a step are not the explanation, and terms without one need not be asked to say so.
+    pub fn is_unexplained(&self, found: &Found, before: &Step, step: &Step) -> bool {
+        self.leaves(found, before, step).explained() == Explains::No
+    }
+
     /// The verdict.
     pub fn conclude(&self, mut found: Found, first: &Round) -> Result<Diagnosis, SimulationError> {
         let before = found.steps[0].clone();

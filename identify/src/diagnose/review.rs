@@ -51,6 +51,10 @@ impl Search<'_> {
         let open = self.open(&alone);
         let round = Round::new(&self.brief, &alone, open.iter().copied())?;
         let guided = if gross { round.guided(self) } else { None };
+        if self.is_unexplained(found, found.last(), &step) && self.leads_nobody(&round, guided)? {
+            tracing::info!(own, beside = second.effect.header().id, "nobody leads beside a name that does not explain");
+            return Ok((step, brief));
+        }
         let bases = self.bases(&round, guided, gross);
         let mut shortlist = self.shortlist(&round, &open, &bases)?;
         shortlist.retain(|set| set.len() == 1 && set[0].header().id != own);

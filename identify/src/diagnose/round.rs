@@ -51,7 +51,15 @@ impl<'a> Round<'a> {
 
     fn with(scene: Scene<'a>, directions: Vec<Direction>) -> Self {
         let gram = Gram::new(&directions);
-        Round { scene, directions, gram, guided: OnceLock::new(), under_guide: OnceLock::new(), nameless: OnceLock::new(), nameless_under_guide: OnceLock::new() }
+        Round {
+            scene,
+            directions,
+            gram,
+            guided: OnceLock::new(),
+            under_guide: OnceLock::new(),
+            nameless: OnceLock::new(),
+            nameless_under_guide: OnceLock::new(),
+        }
     }
 
     /// The current model where its simulation follows what was measured; `None` where the plant's can't be guided.

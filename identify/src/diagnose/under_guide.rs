@@ -7,10 +7,10 @@ use model::effects::Effect;
 use model::effects::empirical::EMPIRICAL;
 use model::integrate::SimulationError;
 
-use super::GROSS;
 use super::found::Found;
 use super::round::Round;
 use super::search::{Search, is_gross};
+use super::{GROSS, LOST};
 use crate::guided::{Guided, LEADS};
 use crate::misfit;
 use crate::refit::Bases;
@@ -69,6 +69,14 @@ impl Search<'_> {
             (self.progress)("no candidate leads where the simulation follows what was measured");
         }
         Ok(narrowed)
+    }
+
+    /// What is missing shows under the guide, and no candidate takes away a good part of it there, linearly: of two effects the better one does about half.
+    pub fn leads_nobody(&self, round: &Round, guided: Option<&Guided>) -> Result<bool, SimulationError> {
+        if !guided.is_some_and(Guided::shows) {
+            return Ok(false);
+        }
+        Ok(round.under_guide(self)?.is_some_and(|linearly| linearly.best() < LOST))
     }
 
     /// Beside a name that does not lead out of a gross misfit a candidate takes away most of what is missing under the guide.
@@ -277,6 +285,22 @@ mod tests {
             let (tight, fit) = guided.tightest().expect("a guide");
             assert!(!guided.shows() && guided.lacks() == out, "{}", fit.cost / tight.targets() as f64);
             assert_eq!(search.leads_out(&round).expect("it can be simulated"), out);
+        }
+    }
+
+    #[test]
+    fn somebody_leads_under_the_guide_where_the_library_has_what_is_missing_and_nobody_where_it_has_not() {
+        let (problem, component, bent) = bent_by("torque_cubic", &[-3.0, 0.0, 0.0]);
+        for (ids, nobody) in [(["torque_cubic", "pump_lag"], false), (["pump_lag", "bypass_valve_lag"], true)] {
+            let library = effects(&ids);
+            let search =
+                Search::new(&library, &Declared { problem: &problem, fit: &bent, component: &component }, &|_| ());
+            let nested = search.nested(&bent).expect("it can be simulated");
+            let round = Round::new(&search.brief, &nested, library.iter().copied()).expect("it can be simulated");
+            let guided = round.guided(&search).expect("a rig that can be guided");
+            assert!(guided.shows(), "{ids:?}");
+            assert_eq!(search.leads_nobody(&round, Some(guided)).expect("it can be simulated"), nobody, "{ids:?}");
+            assert!(!search.leads_nobody(&round, None).expect("it can be simulated"), "nobody was asked");
         }
     }
 }

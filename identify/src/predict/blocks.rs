@@ -18,15 +18,14 @@ const SETTLED_S: f64 = 1.0;
 /// a stop, bends a block's mean by less than a thousandth of a degree.
 const SETTLED_FREE_S: f64 = 0.5;
 
-/// The stops of a stretch, in order: all rows, but for those of a block between its first, middle and last where it is settled. `carried`: the lever's
-/// true angle has to be found at every row, as a guide draws at every one.
-pub(super) fn stops(stretch: &Stretch, carried: bool) -> Vec<Stop> {
+/// The stops of a stretch, in order: all rows, but for those of a block between its first, middle and last where it is settled. A guide draws at every row.
+pub(super) fn stops(stretch: &Stretch) -> Vec<Stop> {
     let settled_s = match stretch.stand {
         Stand::Led => SETTLED_S,
         Stand::Free => SETTLED_FREE_S,
         _ => f64::INFINITY,
     };
-    if settled_s.is_infinite() || carried || stretch.guide.is_some() {
+    if settled_s.is_infinite() || stretch.guide.is_some() {
         return (0..stretch.rows()).map(|row| Stop { row, weight: 1.0 }).collect();
     }
     let mut out = Vec::new();
@@ -105,6 +104,7 @@ impl Means {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::guide::Guide;
     use crate::prepare::stretches;
     use recordings::{Plane, Protocol, Recording};
 
@@ -132,7 +132,7 @@ mod tests {
     #[test]
     fn three_rows_of_a_block_are_enough_long_after_a_change_where_all_was_measured() {
         let s = clamped();
-        let all = stops(&s, false);
+        let all = stops(&s);
         let rows_of = |from_s: f64, to_s: f64| {
             all.iter().filter(|stop| (from_s - 1e-6..to_s - 1e-6).contains(&s.time_s[stop.row])).count()
         };
@@ -149,7 +149,11 @@ mod tests {
             let middles = s.targets.iter().map(|t| t.middle).filter(|m| (block[0]..block[1]).contains(m));
             assert!(middles.into_iter().all(|m| own.iter().any(|stop| stop.row == m)), "where derivatives are taken");
         }
-        assert_eq!(stops(&s, true).len(), s.rows(), "a lever whose true angle is to be found");
+        let drawn = Stretch { guide: Some(Guide { lever_s: 0.03, pressure_s: 0.1 }), ..s.clone() };
+        assert_eq!(stops(&drawn).len(), s.rows(), "a guide draws at every row");
+        let free = Stretch { stand: Stand::Free, ..s.clone() };
+        let early = |all: &[Stop]| all.iter().filter(|stop| (0.5..1.0).contains(&s.time_s[stop.row])).count();
+        assert_eq!((early(&all), early(&stops(&free))), (50, 15), "a free lever settles sooner");
     }
 
     #[test]

@@ -41,13 +41,12 @@ impl Secant {
 }
 
 impl Run<'_> {
-    /// Puts the inputs of row `i` that stand in the state into it.
-    pub(super) fn impose(&mut self, i: usize) {
+    /// Puts the inputs of row `i` that stand in the state into it; `next`: the row to which the simulation goes on from there.
+    pub(super) fn impose(&mut self, i: usize, next: Option<usize>) {
         if self.carried {
-            // The oil feels every part of the way, so the angle is led from row to row and never put elsewhere: a sensor's memory of the next row is not known yet.
+            // The oil feels every part of the way, so the angle is led from stop to stop and never put elsewhere: a sensor's memory of the next row is not known yet.
             let angle = if i == 0 { self.true_angle(0, 0) } else { self.x[state::ANGLE] };
-            let ahead = i + 1 < self.stretch.rows();
-            let velocity = if ahead { (self.true_angle(i, i + 1) - angle) / self.step_length(i) } else { 0.0 };
+            let velocity = next.map_or(0.0, |next| (self.true_angle(i, next) - angle) / self.length(i, next));
             (self.x[state::ANGLE], self.x[state::VELOCITY]) = (angle, velocity);
         } else if !self.stretch.angle_rad.is_empty() {
             self.x[state::ANGLE] = self.stretch.angle_rad[i];
@@ -103,15 +102,22 @@ impl Run<'_> {
 }
 
 /// Derivatives of what [`Run::impose`] put into the state.
-pub(super) fn impose_sensitivity(stretch: &Stretch, run: &Run, seeds: &Seeds, s: &mut Sensitivity, i: usize) {
+pub(super) fn impose_sensitivity(
+    stretch: &Stretch,
+    run: &Run,
+    seeds: &Seeds,
+    s: &mut Sensitivity,
+    i: usize,
+    next: Option<usize>,
+) {
     if run.carried {
         let (angle, velocity) = (run.x[state::ANGLE], run.x[state::VELOCITY]);
         if i == 0 {
             let first = run.true_angle_slope(seeds, s, 0, angle);
             first.iter().enumerate().for_each(|(column, v)| s.set(state::ANGLE, column, *v));
         }
-        if i + 1 < stretch.rows() {
-            let dt = run.step_length(i);
+        if let Some(next) = next {
+            let dt = run.length(i, next);
             let next = run.true_angle_slope(seeds, s, i, angle + velocity * dt);
             for (column, there) in next.iter().enumerate() {
                 s.set(state::VELOCITY, column, (there - s.get(state::ANGLE, column)) / dt);

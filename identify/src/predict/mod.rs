@@ -83,9 +83,7 @@ impl<'a> Run<'a> {
         let driven = stands(stretch, &stretch.input(0, 1.0));
         let within = |longest_s: f64| Integrator::for_plant(longest_s, k, effects, &driven, &x);
         let integrator = match stretch.stand {
-            Stand::Free => {
-                within(STEP_FREE_S).resolving_creep().gliding_up_to(STEP_GLIDING_S, k, effects, &driven, &x)
-            }
+            Stand::Free => within(STEP_FREE_S).resolving_creep().gliding_up_to(STEP_GLIDING_S, k, effects, &driven, &x),
             Stand::Led | Stand::Drained if within(STEP_LED_S).longest_s() >= STEP_LED_S => within(STEP_CLAMPED_S),
             _ => within(STEP_LED_S),
         };
@@ -103,13 +101,14 @@ impl<'a> Run<'a> {
         if self.carried { Input { lever: Lever::Carried, ..input } } else { input }
     }
 
-    fn step_length(&self, i: usize) -> f64 {
-        self.stretch.time_s[i + 1] - self.stretch.time_s[i]
+    /// From one row to a later one, s.
+    fn length(&self, i: usize, to: usize) -> f64 {
+        self.stretch.time_s[to] - self.stretch.time_s[i]
     }
 
     /// Advances from row `i` to row `to`, between which nothing but the state changes.
     fn advance(&mut self, i: usize, to: usize) -> Result<(), SimulationError> {
-        let dt = self.stretch.time_s[to] - self.stretch.time_s[i];
+        let dt = self.length(i, to);
         let (input, t) = (self.input(i, dt), self.stretch.time_s[i]);
         self.integrator.advance_along(&mut self.trail, &input, self.k, self.effects, t, dt, &mut self.x)
     }
@@ -122,7 +121,7 @@ impl<'a> Run<'a> {
         to: usize,
         mut piece: impl FnMut(&Input, f64, f64, &[f64]),
     ) -> Result<(), SimulationError> {
-        let dt = self.stretch.time_s[to] - self.stretch.time_s[i];
+        let dt = self.length(i, to);
         let input = self.input(i, dt);
         let t = self.stretch.time_s[i];
         let (k, effects) = (self.k, self.effects);
@@ -148,7 +147,7 @@ impl<'a> Run<'a> {
 
     /// What is drawn towards what was measured at row `i`; nothing where the simulation runs free.
     fn pulls(&self, i: usize) -> impl Iterator<Item = Pull> + use<'a> {
-        let (stretch, dt) = (self.stretch, self.step_length(i));
+        let (stretch, dt) = (self.stretch, self.length(i, i + 1));
         let all = stretch.guide.into_iter().flat_map(move |guide| guide.pulls(dt));
         all.filter(move |pull| stretch.measured[pull.channel.index()][i].is_finite())
     }
@@ -162,7 +161,7 @@ impl<'a> Run<'a> {
 
     fn standing_input(&self, i: usize) -> Input {
         let i = i.min(self.stretch.rows() - 2);
-        self.input(i, self.step_length(i))
+        self.input(i, self.length(i, i + 1))
     }
 }
 
@@ -188,15 +187,15 @@ pub fn predict(
     let mut run = Run::start(stretch, &k, &effects, initial);
     let mut means = Means::new();
     let mut out = Vec::with_capacity(stretch.targets.len());
-    let stops = stops(stretch, run.carried);
+    let stops = stops(stretch);
     for (n, stop) in stops.iter().enumerate() {
-        let i = stop.row;
-        run.impose(i);
+        let (i, next) = (stop.row, stops.get(n + 1).map(|next| next.row));
+        run.impose(i, next);
         let y = run.outputs(i);
         means.add(stretch, stop, &y, &mut out);
-        if let Some(next) = stops.get(n + 1) {
+        if let Some(next) = next {
             run.follow(i, &y);
-            run.advance(i, next.row)?;
+            run.advance(i, next)?;
         }
     }
     Ok(out)
@@ -213,12 +212,13 @@ pub fn predict_rows(
     let mut run = Run::start(stretch, &k, &effects, initial);
     let mut out = Vec::with_capacity(stretch.rows());
     for i in 0..stretch.rows() {
-        run.impose(i);
+        let next = Some(i + 1).filter(|next| *next < stretch.rows());
+        run.impose(i, next);
         let y = run.outputs(i);
         out.push(y);
-        if i + 1 < stretch.rows() {
+        if let Some(next) = next {
             run.follow(i, &y);
-            run.advance(i, i + 1)?;
+            run.advance(i, next)?;
         }
     }
     Ok(out)
@@ -253,12 +253,12 @@ pub fn linearise(
     let mut slope = vec![0.0; stretch.targets.len() * all];
     let mut next_target = 0;
     let shifted = effects.touches(PortKind::Sensor);
-    let stops = stops(stretch, run.carried);
+    let stops = stops(stretch);
     for (n, stop) in stops.iter().enumerate() {
-        let i = stop.row;
-        run.impose(i);
+        let (i, next) = (stop.row, stops.get(n + 1).map(|next| next.row));
+        run.impose(i, next);
         if shifted {
-            impose_sensitivity(stretch, &run, &seeds, &mut s, i);
+            impose_sensitivity(stretch, &run, &seeds, &mut s, i, next);
         }
         let y = run.outputs(i);
         means.add(stretch, stop, &y, &mut predicted);
@@ -270,10 +270,10 @@ pub fn linearise(
         while next_target < predicted.len() {
             next_target += 1;
         }
-        if let Some(next) = stops.get(n + 1) {
+        if let Some(next) = next {
             follow_sensitivity(stretch, &run, &seeds, &mut s, i);
             run.follow(i, &y);
-            run.advance_with(i, next.row, |input, t, dt, middle| s.advance(&seeds, input, t, dt, middle))?;
+            run.advance_with(i, next, |input, t, dt, middle| s.advance(&seeds, input, t, dt, middle))?;
         }
     }
     Ok(Linear { predicted, slope })
@@ -325,6 +325,20 @@ fn start_sensitivity(stretch: &Stretch, run: &Run, seeds: &Seeds, s: &mut Sensit
 
 /// Derivatives of a guided state behind row `i`.
 fn follow_sensitivity(stretch: &Stretch, run: &Run, seeds: &Seeds, s: &mut Sensitivity, i: usize) {
+    if !run.effects.touches(PortKind::Sensor) {
+        // backwards: a channel's own state is the first that its error draws, and the others follow what it was
+        let shown = |channel| match channel {
+            Channel::Angle => (state::ANGLE, DEGREES),
+            Channel::Pressure1 => (state::PRESSURE1, 1.0),
+            _ => (state::PRESSURE2, 1.0),
+        };
+        let pulls: Vec<Pull> = run.pulls(i).collect();
+        for Pull { channel, state, gain } in pulls.into_iter().rev() {
+            let (from, unit) = shown(channel);
+            s.add(state, from, -gain * unit);
+        }
+        return;
+    }
     let slopes: Vec<(Pull, Vec<f64>)> = run
         .pulls(i)
         .map(|pull| {

@@ -17,7 +17,7 @@ impl Run<'_> {
         let mut before = Run::start(past, k, effects, &[0.0; 3]);
         let mut on = |i: usize| {
             before.settle_sensors(i);
-            before.impose(i);
+            before.impose(i, Some(i + 1));
             before.advance(i, i + 1)
         };
         if (0..past.rows() - 1).try_for_each(&mut on).is_ok() {
@@ -52,9 +52,9 @@ pub(super) fn remember_sensitivity(run: &Run, seeds: &Seeds, s: &mut Sensitivity
     let shifted = run.effects.touches(PortKind::Sensor);
     for i in 0..past.rows() - 1 {
         before.settle_sensors(i);
-        before.impose(i);
+        before.impose(i, Some(i + 1));
         if shifted {
-            impose_sensitivity(past, &before, seeds, &mut told, i);
+            impose_sensitivity(past, &before, seeds, &mut told, i, Some(i + 1));
         }
         if before.advance_with(i, i + 1, |input, t, dt, middle| told.advance(seeds, input, t, dt, middle)).is_err() {
             return;
