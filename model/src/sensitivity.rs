@@ -47,6 +47,8 @@ const LENGTHS: usize = 3;
 const MOST_SHARED: f64 = 8.0;
 /// The same where an effect pushes the lever: of two frictions that turn round side by side a fit must tell which is which.
 const MOST_SHARED_PUSHED: f64 = 2.0;
+/// Two steps that share, straight or not, last no longer than this together, s.
+const TWO_S: f64 = 2e-3 + 1e-9;
 /// Over those, slopes bend by at most this share of what A alone changes them by.
 const BEND: f64 = 0.001;
 /// Longest time that they last while the lever creeps, s: what dies out there has a time constant of 1..2 ms.
@@ -189,7 +191,7 @@ impl Sensitivity {
         let within = |steps: f64| !creeps || steps * dt <= CREEP_S;
         let most = match Shares::of(&seeds.with_effects) {
             Shares::WhereStraight(most) => most,
-            Shares::Two if within(2.0) => {
+            Shares::Two if within(2.0) && 2.0 * dt <= TWO_S => {
                 let centre = Some(ahead(0.5 * dt)).filter(same_branch);
                 return (2.0, centre.unwrap_or_else(|| ahead(0.0)));
             }

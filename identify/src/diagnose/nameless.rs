@@ -192,13 +192,17 @@ fn terms(fit: &Fit) -> Vec<(usize, f64)> {
 /// Terms that leave more than this of data left out do not predict them.
 const PREDICTED: f64 = 0.5;
 
+/// Terms that leave at most so many times what the best ones do of the data that they were fitted to fit them as well.
+const FITS_AS_WELL: f64 = 1.25;
+
 /// Which terms predict best. A gross misfit that none of them predicts is one that they have to go on from (a curve beyond the angles it was seen at, a
-/// memory longer than theirs): how far they go astray there says nothing of the balance, what they make of the data they have does. `whole`: what is left
-/// out without them.
+/// memory longer than theirs): how far they go astray there says nothing of the balance, what they make of the data they have does, unless others do as well.
+/// `whole`: what is left out without them.
 fn tells(told: &[Told], whole: f64, gross: bool) -> Option<usize> {
     let astray = gross && told.iter().all(|t| t.left > PREDICTED * whole);
-    let measure = |t: &Told| if astray { t.fitted } else { t.left };
-    (0..told.len()).min_by(|a, b| measure(&told[*a]).total_cmp(&measure(&told[*b])))
+    let best = told.iter().map(|t| t.fitted).fold(f64::INFINITY, f64::min);
+    let fits = |n: &usize| !astray || told[*n].fitted <= FITS_AS_WELL * best;
+    (0..told.len()).filter(fits).min_by(|a, b| told[*a].left.total_cmp(&told[*b].left))
 }
 
 /// The balance whose nameless terms predict left-out data best, refitted: what is fitted better may only be the set with more terms.
@@ -285,6 +289,7 @@ mod tests {
         assert_eq!(tells(&[of(60.0, 10.0), of(40.0, 30.0)], 100.0, true), Some(1), "one of them predicts");
         assert_eq!(tells(&[of(900.0, 10.0), of(70.0, 30.0)], 100.0, true), Some(0), "none does");
         assert_eq!(tells(&[of(900.0, 10.0), of(70.0, 30.0)], 100.0, false), Some(1), "nor is it gross");
+        assert_eq!(tells(&[of(900.0, 10.0), of(70.0, 11.0)], 100.0, true), Some(1), "nor which of two fits");
         assert_eq!(tells(&[], 100.0, true), None);
     }
 }

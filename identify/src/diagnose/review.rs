@@ -51,7 +51,8 @@ impl Search<'_> {
         let open = self.open(&alone);
         let round = Round::new(&self.brief, &alone, open.iter().copied())?;
         let guided = if gross { round.guided(self) } else { None };
-        if self.is_unexplained(found, found.last(), &step) && self.leads_nobody(&round, guided)? {
+        let under = guided.map(|_| round.under_guide(self)).transpose()?.flatten();
+        if self.is_unexplained(found, found.last(), &step) && under.is_some_and(|under| under.leads_nobody()) {
             tracing::info!(own, beside = second.effect.header().id, "nobody leads beside a name that does not explain");
             return Ok((step, brief));
         }
