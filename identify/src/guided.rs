@@ -61,11 +61,9 @@ const MORE: usize = 5;
 const GLANCE: Effort = Effort { iterations: 3, ..LEAD };
 /// and so many are.
 const WORTH: usize = 2;
-/// An effect that takes away less than this share of what is missing from each start in a glance, and does not lead linearly, is not followed further: where that
-/// does not show,
+/// Where what is missing does not show, an effect that takes away less than this share of it from each start in a glance, and does not lead linearly, is not
+/// followed further.
 const HOPE: f64 = 0.02;
-/// and where it does, for there a start leads far if it leads anywhere.
-const HOPE_SHOWN: f64 = 0.05;
 /// Cost a target under the tightest guide from which what is missing shows there; noise alone leaves 1.
 pub const SHOWS: f64 = 5.0;
 /// Cost a target there from which something is missing at all.
@@ -224,13 +222,16 @@ impl Guided {
         let mut starts = [self.starts(&layout, effect, at_fit), self.starts(&layout, effect, unbent)];
         let first = starts.iter_mut().zip(FIRST).flat_map(|(s, n)| s.drain(..n.min(s.len())).collect::<Vec<_>>());
         let points: Vec<Point> = first.map(|(_, point)| point).collect();
-        let glanced: Vec<Fit> = points.into_iter().filter_map(|p| fit(tight, &layout, p, GLANCE).ok()).collect();
-        // a first step that gains little ends a glance; of what leads linearly it tells nothing
-        let hope = if self.shows() { HOPE_SHOWN } else { HOPE };
-        let hopeless = glanced.iter().all(|led| self.share_of_missing(led.cost) < hope)
-            && self.linearly(effect).is_none_or(|share| share < LEADS);
-        let further = |led: Fit| if hopeless { Some(led) } else { fit(tight, &layout, led.point, FEW).ok() };
-        let lowest = best(glanced.into_iter().filter_map(further))?;
+        let lowest = if self.shows() {
+            best(points.into_iter().filter_map(|point| fit(tight, &layout, point, FEW).ok()))?
+        } else {
+            let glanced: Vec<Fit> = points.into_iter().filter_map(|p| fit(tight, &layout, p, GLANCE).ok()).collect();
+            // a first step that gains little ends a glance; of what leads linearly it tells nothing
+            let hopeless = glanced.iter().all(|led| self.share_of_missing(led.cost) < HOPE)
+                && self.linearly(effect).is_none_or(|share| share < LEADS);
+            let further = |led: Fit| if hopeless { Some(led) } else { fit(tight, &layout, led.point, FEW).ok() };
+            best(glanced.into_iter().filter_map(further))?
+        };
         Some((lowest, starts.concat()))
     }
 

@@ -18,8 +18,7 @@ use crate::problem::{Piece, Point, Problem};
 
 /// A model with its residual and derivatives, ready to test candidates against.
 pub struct Scene<'a> {
-    /// The data.
-    pub problem: &'a Problem,
+    problem: &'a Problem,
     /// What was linearised.
     pub fit: &'a Fit,
     pub(crate) pieces: Arc<Vec<Piece>>,

@@ -15,8 +15,8 @@ use crate::step::rests;
 ///
 /// The variational equation S' = A S + B is taken at the middle of a step, with A and B from dual numbers, and advanced by
 /// its exponential: second order in the step, stable where the plant is. A and B change as slowly as the state does between kinks,
-/// so steps in a row on one branch under one input, of whatever lengths, share those of their middle where the equations are straight between their states: the slope in the
-/// middle is then the mean of those at the ends. Kinks and steep places of an effect that pushes the lever, which no branch tells, show in that as well. Two steps
+/// so steps in a row on one branch under one input, of whatever lengths, share those of their middle where the equations are straight between
+/// their states: the slope in the middle is then the mean of those at the ends. Kinks and steep places of an effect that pushes the lever, which no branch tells, show in that as well. Two steps
 /// do so beside other effects on the plant.
 pub struct Sensitivity {
     states: usize,
@@ -47,11 +47,11 @@ const LENGTHS: usize = 3;
 const MOST_SHARED: f64 = 8.0;
 /// The same where an effect pushes the lever: of two frictions that turn round side by side a fit must tell which is which.
 const MOST_SHARED_PUSHED: f64 = 2.0;
-/// Two steps that share, straight or not, last no longer than this together, s.
-const TWO_S: f64 = 2e-3 + 1e-9;
 /// Over those, slopes bend by at most this share of what A alone changes them by.
 const BEND: f64 = 0.001;
-/// Longest time that they last while the lever creeps, s: what dies out there has a time constant of 1..2 ms.
+/// Longest time that two last that are not asked whether they are straight, s,
+const TWO_S: f64 = 2e-3 + 1e-9;
+/// and any while the lever creeps, s: what dies out there has a time constant of 1..2 ms.
 const CREEP_S: f64 = 1e-3 + 1e-9;
 /// Of a slope: what summing leaves of nothing.
 const ROUNDING: f64 = 1e-9;
@@ -120,14 +120,6 @@ impl Sensitivity {
     /// Sets d x_state / d column.
     pub fn set(&mut self, state: usize, column: usize, value: f64) {
         self.s[state * self.columns + column] = value;
-    }
-
-    /// Adds `factor` times the row of state `from` to that of `state`.
-    pub fn add(&mut self, state: usize, from: usize, factor: f64) {
-        for column in 0..self.columns {
-            let value = factor * self.get(from, column);
-            self.s[state * self.columns + column] += value;
-        }
     }
 
     /// One state's row.

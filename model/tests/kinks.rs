@@ -81,6 +81,48 @@ fn a_lever_at_rest_takes_whole_steps_and_one_that_comes_to_rest_quarters() {
 }
 
 #[test]
+fn a_lever_that_slides_on_takes_one_step_and_one_that_is_braked_many() {
+    let (k, none) = (Parameters::example().to_vector(), EffectSet::none());
+    let gliding = || {
+        let own = Integrator::new(PERIOD_S).resolving_creep();
+        own.gliding_up_to(5.0 * PERIOD_S, &k, &none, &[input(18.0)], &MIDDLE)
+    };
+    let pieces = |from: &[f64], volts: f64| {
+        let (mut x, mut pieces) = (from.to_vec(), 0);
+        let advanced =
+            gliding().advance_by_pieces(&input(volts), &k, &none, 0.0, 5.0 * PERIOD_S, &mut x, |_, _, _| pieces += 1);
+        advanced.expect("in range");
+        pieces
+    };
+    let mut sliding = MIDDLE;
+    for i in 0..600 {
+        let t = i as f64 * PERIOD_S;
+        gliding().advance(&input(18.0), &k, &none, t, PERIOD_S, &mut sliding).expect("in range");
+    }
+    assert!(sliding[VELOCITY] > 2.0 * k[A], "{sliding:?}");
+    assert_eq!(pieces(&sliding, 18.0), 1, "it slides on");
+    let mut parted = sliding;
+    parted[PRESSURE1] += 0.3;
+    assert_eq!(pieces(&parted, 18.0), 5, "it is accelerated");
+    assert!(pieces(&MIDDLE, 0.0) == 5 && pieces(&MIDDLE, 18.0) >= 5, "at rest, and setting out");
+    let reversed: Vec<f64> = sliding.iter().enumerate().map(|(i, v)| if i == VELOCITY { -v } else { *v }).collect();
+    assert!(pieces(&reversed, 18.0) >= 5, "driven against");
+
+    // an elastic friction whose own time constant falls with the speed is followed in its own steps
+    let stiff = EffectSet::new(STATES, [(find("elastic_hysteresis").expect("an effect"), vec![1.0, 1e-3])]);
+    let mut x = MIDDLE.to_vec();
+    x.resize(STATES + stiff.states, 0.0);
+    let own = Integrator::for_plant(PERIOD_S, &k, &stiff, &[input(18.0)], &x);
+    let gliding = own.gliding_up_to(5.0 * PERIOD_S, &k, &stiff, &[input(18.0)], &x);
+    let mut pieces = 0;
+    x[VELOCITY] = sliding[VELOCITY];
+    gliding
+        .advance_by_pieces(&input(18.0), &k, &stiff, 0.0, 5.0 * PERIOD_S, &mut x, |_, _, _| pieces += 1)
+        .expect("in range");
+    assert!(pieces >= 5, "{pieces}");
+}
+
+#[test]
 fn two_kinks_at_one_instant_are_found() {
     // From rest at equal pressures the lagging pump leaves its dead zone, and only then the pressures part.
     for volts in [-13.84, -6.0, 5.84, 8.35, 24.0] {

@@ -12,7 +12,6 @@ use crate::fit::{Fit, fit};
 use crate::identification::polish;
 use crate::misfit::{self, Part};
 use crate::problem::Problem;
-use crate::score::Direction;
 use crate::simplify::{errors_of_simplified, simplify};
 
 impl Search<'_> {
@@ -51,7 +50,7 @@ impl Search<'_> {
         self.leaves(found, before, step).beside_the_point()
     }
 
-    /// The names of a step are not the explanation, and terms without one need not be asked to say so.
+    /// The names of a step are not the explanation, whatever terms without one leave.
     pub fn is_unexplained(&self, found: &Found, before: &Step, step: &Step) -> bool {
         self.leaves(found, before, step).explained() == Explains::No
     }
@@ -300,8 +299,8 @@ fn balance_p_values(first: &Round, last: &Round, added: &[Added]) -> Vec<(Balanc
         .into_iter()
         .map(|b| {
             let own = added.iter().any(|a| a.effect.header().balance == b);
-            let in_it = |d: &Direction| d.effect.header().balance == b;
-            (b, if own { first.p_value(in_it) } else { last.p_value(in_it) })
+            let round = if own { first } else { last };
+            (b, round.p_value(|d| d.effect.header().balance == b))
         })
         .collect()
 }

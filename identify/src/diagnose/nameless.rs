@@ -49,14 +49,14 @@ impl Search<'_> {
         only: Option<Balance>,
     ) -> Result<Option<Step>, SimulationError> {
         let reference = found.steps[0].clone();
-        let round = first.nameless()?;
+        let round = Round::new(&self.brief, first.scene.fit, EMPIRICAL.iter().copied())?;
         let p = round.p_value(|_| true);
         tracing::info!(p, certain, "nameless terms");
         if p > LEVEL && !certain {
             return Ok(None);
         }
         let under = if only.is_some() { None } else { self.nameless_under_guide(found, first)? };
-        let Some(fit) = empirical(self, round, first, under.as_ref(), &found.colours, only)? else { return Ok(None) };
+        let Some(fit) = empirical(self, &round, first, under.as_ref(), &found.colours, only)? else { return Ok(None) };
         let step = self.step(fit, Vec::new())?;
         found.learn(self.problem, &step.residual);
         let before = self.left(found, &reference);

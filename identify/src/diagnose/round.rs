@@ -3,7 +3,6 @@
 use std::sync::OnceLock;
 
 use model::effects::Effect;
-use model::effects::empirical::EMPIRICAL;
 use model::integrate::SimulationError;
 use rayon::prelude::*;
 
@@ -23,8 +22,6 @@ pub(super) struct Round<'a> {
     pub gram: Gram,
     guided: OnceLock<Option<Guided>>,
     under_guide: OnceLock<Option<UnderGuide>>,
-    nameless: OnceLock<Box<Round<'a>>>,
-    nameless_under_guide: OnceLock<Option<UnderGuide>>,
 }
 
 impl<'a> Round<'a> {
@@ -51,15 +48,7 @@ impl<'a> Round<'a> {
 
     fn with(scene: Scene<'a>, directions: Vec<Direction>) -> Self {
         let gram = Gram::new(&directions);
-        Round {
-            scene,
-            directions,
-            gram,
-            guided: OnceLock::new(),
-            under_guide: OnceLock::new(),
-            nameless: OnceLock::new(),
-            nameless_under_guide: OnceLock::new(),
-        }
+        Round { scene, directions, gram, guided: OnceLock::new(), under_guide: OnceLock::new() }
     }
 
     /// The current model where its simulation follows what was measured; `None` where the plant's can't be guided.
@@ -77,27 +66,6 @@ impl<'a> Round<'a> {
             None => None,
         };
         Ok(self.under_guide.get_or_init(|| asked).clone())
-    }
-
-    /// Terms without a name as candidates at the same model.
-    pub fn nameless(&self) -> Result<&Round<'a>, SimulationError> {
-        if let Some(known) = self.nameless.get() {
-            return Ok(known);
-        }
-        let asked = Round::new(self.scene.problem, self.scene.fit, EMPIRICAL.iter().copied())?;
-        Ok(self.nameless.get_or_init(|| Box::new(asked)))
-    }
-
-    /// What they take away linearly under the guide; `None` where the plant's can't be guided.
-    pub fn nameless_under_guide(&self, search: &Search) -> Result<Option<UnderGuide>, SimulationError> {
-        if let Some(known) = self.nameless_under_guide.get() {
-            return Ok(known.clone());
-        }
-        let asked = match self.guided(search) {
-            Some(guided) => UnderGuide::of(guided, &EMPIRICAL)?,
-            None => None,
-        };
-        Ok(self.nameless_under_guide.get_or_init(|| asked).clone())
     }
 
     /// Positions of an effect's directions that may be used, the best first.

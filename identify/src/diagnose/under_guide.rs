@@ -35,7 +35,7 @@ impl Search<'_> {
             return Ok(None);
         }
         let Some(guided) = round.guided(self) else { return Ok(None) };
-        let linearly = round.nameless_under_guide(self)?;
+        let linearly = UnderGuide::of(guided, &EMPIRICAL)?;
         // friction of another kind than the model's acts as no little of it would
         let to_be_led = linearly.as_ref().is_some_and(|under| under.shows && !under.takes_most());
         Ok(if to_be_led { Some(UnderGuide::led(guided, &EMPIRICAL.map(|e| vec![e]))) } else { linearly })

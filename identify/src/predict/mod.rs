@@ -325,20 +325,6 @@ fn start_sensitivity(stretch: &Stretch, run: &Run, seeds: &Seeds, s: &mut Sensit
 
 /// Derivatives of a guided state behind row `i`.
 fn follow_sensitivity(stretch: &Stretch, run: &Run, seeds: &Seeds, s: &mut Sensitivity, i: usize) {
-    if !run.effects.touches(PortKind::Sensor) {
-        // backwards: a channel's own state is the first that its error draws, and the others follow what it was
-        let shown = |channel| match channel {
-            Channel::Angle => (state::ANGLE, DEGREES),
-            Channel::Pressure1 => (state::PRESSURE1, 1.0),
-            _ => (state::PRESSURE2, 1.0),
-        };
-        let pulls: Vec<Pull> = run.pulls(i).collect();
-        for Pull { channel, state, gain } in pulls.into_iter().rev() {
-            let (from, unit) = shown(channel);
-            s.add(state, from, -gain * unit);
-        }
-        return;
-    }
     let slopes: Vec<(Pull, Vec<f64>)> = run
         .pulls(i)
         .map(|pull| {
