@@ -162,15 +162,15 @@ mod tests {
         let truth = model::Parameters::example();
         let find = |id| model::effects::find(id).expect("an effect of the library");
         // where the lever breaks away or hits something within a block: 0.002 degrees
-        let effects: [(Option<(&str, &[f64])>, f64); 5] = [
+        let effects = [
             (None, 1e-4),
-            (Some(("torque_cubic", &[0.3, 0.0, 0.0])), 1e-4),
-            (Some(("pump_lag", &[0.02])), 1e-4),
-            (Some(("stribeck_friction", &[1.5, 0.1, 0.02])), 2e-3),
-            (Some(("elastic_hysteresis", &[1.0, 0.05])), 2e-3),
+            (Some(("torque_cubic", vec![0.3, 0.0, 0.0])), 1e-4),
+            (Some(("pump_lag", vec![0.02])), 1e-4),
+            (Some(("stribeck_friction", vec![1.5, 0.1, 0.02])), 2e-3),
+            (Some(("elastic_hysteresis", vec![1.0, 0.05])), 2e-3),
         ];
         for (effect, most_deg) in effects {
-            let effect = effect.map(|(id, values)| (find(id), values.to_vec()));
+            let effect = effect.map(|(id, values)| (find(id), values));
             let problem = crate::common::problem(&[crate::common::dynamic(&truth, effect.clone(), 20.0, 7)]);
             let base = crate::common::layout(&truth);
             let mut theta = base.vector_of(&truth);
