@@ -50,6 +50,7 @@ pub trait Equations: Sync + 'static {
     fn rest<S: Scalar>(&self, _at: &Instant<S>) -> Rest<'static, S> {
         Rest {
             arrival: Arrival::Free,
+            ran: &[],
             angle_rad: S::zero(),
             pressure_bar: [S::constant(model::port::AMBIENT_BAR); 2],
             actuator_torque_nm: S::zero(),

@@ -209,10 +209,30 @@ pub enum Arrival<'a> {
     Led(&'a [f64]),
 }
 
+/// For how long the pump has run at which voltage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ran {
+    /// s
+    pub for_s: f64,
+    /// Root mean square, V.
+    pub voltage_v: f64,
+}
+
+/// What was before the plant stood as it does, for the effects that remember it; the default is that nothing is known, as at a run's start.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Before<'a> {
+    /// Turning points of the way on which a led lever came to its angle ([`Arrival::Led`]), rad.
+    pub way_rad: &'a [f64],
+    /// What the pump has done since the run's start, in order.
+    pub ran: &'a [Ran],
+}
+
 /// The plant at rest, from which effects set their own states.
 pub struct Rest<'a, S> {
     /// How the lever came to its angle.
     pub arrival: Arrival<'a>,
+    /// What the pump has done since the run's start, in order; empty at that start.
+    pub ran: &'a [Ran],
     /// Angle, rad.
     pub angle_rad: S,
     /// Chamber pressures, bar absolute.

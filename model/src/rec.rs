@@ -9,7 +9,8 @@ use crate::near::{Curves, Exact};
 use crate::parameters::COUNT;
 use crate::parameters::index::*;
 use crate::port::{
-    AMBIENT_BAR, ActuatorPort, Arrival, HydraulicPort, LinePort, MechanicalPort, Port, PortKind, Rest, SensorPort,
+    AMBIENT_BAR, ActuatorPort, Arrival, Before, HydraulicPort, LinePort, MechanicalPort, Port, PortKind, Rest,
+    SensorPort,
 };
 use crate::scalar::Scalar;
 
@@ -337,11 +338,11 @@ pub fn shown<S: Scalar>(effects: &EffectSet<S>, t: f64, x: &[S], scratch: &mut [
 
 /// Fills the effects' states for the plant at rest in `x[..STATES]`. Of a lever that is led no way to its angle is known.
 pub fn rest_states<S: Scalar>(input: &Input, k: &[S], effects: &EffectSet<S>, x: &mut [S]) {
-    rest_states_after(&[], input, k, effects, x);
+    rest_states_after(Before::default(), input, k, effects, x);
 }
 
-/// As [`rest_states`]. `way_rad`: turning points of the way on which a led lever came to its angle ([`Arrival::Led`]).
-pub fn rest_states_after<S: Scalar>(way_rad: &[f64], input: &Input, k: &[S], effects: &EffectSet<S>, x: &mut [S]) {
+/// As [`rest_states`], after what was `before`.
+pub fn rest_states_after<S: Scalar>(before: Before, input: &Input, k: &[S], effects: &EffectSet<S>, x: &mut [S]) {
     let pressure = [x[state::PRESSURE1], x[state::PRESSURE2]];
     let angle = x[state::ANGLE];
     let actuator_torque_nm = torque(k, angle, pressure[0] - pressure[1]);
@@ -351,10 +352,11 @@ pub fn rest_states_after<S: Scalar>(way_rad: &[f64], input: &Input, k: &[S], eff
     }
     let arrival = match input.lever {
         Lever::Free => Arrival::Free,
-        Lever::Led { .. } | Lever::Carried => Arrival::Led(way_rad),
+        Lever::Led { .. } | Lever::Carried => Arrival::Led(before.way_rad),
     };
     let rest = Rest {
         arrival,
+        ran: before.ran,
         angle_rad: angle,
         pressure_bar: pressure,
         actuator_torque_nm,

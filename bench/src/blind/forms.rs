@@ -2,9 +2,12 @@
 //! same leak in another way, and the diagnosis must name it all the same. None of them is a case of a law in the library, general forms
 //! (`Law::REFINED`) included: what another simulator writes need not be one either.
 
+mod pump;
+
 use model::effects::{Balance, Effect, Header, Law, Parameter};
 use model::port::{AMBIENT_BAR, Arrival, Port, PortKind, Rest};
 use model::scalar::Scalar;
+use pump::{PumpLagSecondOrder, PumpWarmingByLosses, PumpWarmingTwoMasses};
 
 /// The id that each form stands for, and the form.
 pub static FORMS: &[(&str, &dyn Effect)] = &[
@@ -18,6 +21,7 @@ pub static FORMS: &[(&str, &dyn Effect)] = &[
     ("trapped_air", &TrappedAirPolytropic),
     ("pump_lag", &PumpLagSecondOrder),
     ("pump_warming", &PumpWarmingTwoMasses),
+    ("pump_warming", &PumpWarmingByLosses),
     ("pressure_drift", &PressureDriftTwoTimes),
 ];
 
@@ -303,58 +307,6 @@ impl Law for TrappedAirPolytropic {
                 let share = (S::constant(AMBIENT_BAR) / p).powf(S::constant(1.0 / 1.25));
                 h.capacity_ml_bar[i] += *volume * share / (p * 1.25);
             }
-        }
-    }
-}
-
-/// A motor with a winding and an inertia: two lags in a row.
-struct PumpLagSecondOrder;
-
-impl Law for PumpLagSecondOrder {
-    const HEADER: Header = header(
-        "pump_lag_second_order",
-        Balance::Pump,
-        &[PortKind::Actuator],
-        "tau*a' = u - a, 0.3*tau*b' = a - b; eq. (10) takes b",
-        &[Parameter { name: "tau", unit: "s", lower: 1e-4, upper: 0.5, typical: 0.005, size: true }],
-        2,
-        &[&[0.006], &[0.02]],
-    );
-
-    fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
-        if let Port::Actuator(a) = port {
-            // below a millisecond nothing of it shows
-            let tau = k[0].at_least(1e-3);
-            dx[0] = (a.voltage_v - x[0]) / tau;
-            dx[1] = (x[0] - x[1]) / (tau * 0.3).at_least(5e-4);
-            a.voltage_v = x[1];
-        }
-    }
-
-    fn rest<S: Scalar>(&self, _k: &[S], rest: &Rest<S>, x: &mut [S]) {
-        x.fill(S::constant(rest.voltage_v));
-    }
-}
-
-/// Oil that warms soon and a housing that follows late.
-struct PumpWarmingTwoMasses;
-
-impl Law for PumpWarmingTwoMasses {
-    const HEADER: Header = header(
-        "pump_warming_two_masses",
-        Balance::Pump,
-        &[PortKind::Line],
-        "Q -= k*(1 - 0.6*exp(-t/tau) - 0.4*exp(-t/(8*tau)))*dp*opening of the brake valve",
-        &[size("k", "ml/(s bar)", 5.0, 0.05), shape("tau", "s", 5.0, 600.0, 60.0)],
-        0,
-        &[&[0.02, 20.0], &[0.05, 60.0]],
-    );
-
-    fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
-        if let Port::Line(l) = port {
-            let time = S::constant(l.time_s);
-            let (oil, housing) = ((-(time / k[1])).exp(), (-(time / (k[1] * 8.0))).exp());
-            l.flow_ml_s -= k[0] * (-(oil * 0.6 + housing * 0.4) + 1.0) * l.dp_bar() * l.opening;
         }
     }
 }

@@ -163,10 +163,16 @@ fn in_turn(list: &[&'static dyn Effect], seed: u64, stream: Stream, number: usiz
     order[number % list.len()]
 }
 
-/// The effect as another simulator would write it, where such a form is known: every other time.
+/// The effect as another simulator would write it, where such a form is known: every other time, by any of those known.
 fn in_some_form(effect: &'static dyn Effect, rng: &mut impl Rng) -> &'static dyn Effect {
-    let other = FORMS.iter().map(|(_, form)| *form).find(|form| name_of(*form) == effect.header().id);
-    other.filter(|_| rng.random_bool(0.5)).unwrap_or(effect)
+    let forms = FORMS.iter().map(|(_, form)| *form).filter(|form| name_of(*form) == effect.header().id);
+    let others: Vec<&'static dyn Effect> = forms.collect();
+    match others[..] {
+        [] => effect,
+        _ if !rng.random_bool(0.5) => effect,
+        [other] => other,
+        _ => others[rng.random_range(0..others.len())],
+    }
 }
 
 #[cfg(test)]

@@ -63,7 +63,7 @@ impl<'a> Run<'a> {
         x[state::ANGLE] = shown[0];
         x[state::PRESSURE1] = shown[1];
         x[state::PRESSURE2] = shown[2];
-        rec::rest_states_after(&stretch.way_rad, &input, k, effects, &mut x);
+        rec::rest_states_after(stretch.before(), &input, k, effects, &mut x);
         let mut shift_rad = 0.0;
         if effects.touches(PortKind::Sensor) {
             let mut ways = [Secant::default(); 3];
@@ -73,7 +73,7 @@ impl<'a> Run<'a> {
                 for (n, i) in [state::ANGLE, state::PRESSURE1, state::PRESSURE2].into_iter().enumerate() {
                     x[i] = ways[n].next(x[i], off[n]);
                 }
-                rec::rest_states_after(&stretch.way_rad, &input, k, effects, &mut x);
+                rec::rest_states_after(stretch.before(), &input, k, effects, &mut x);
                 if off.iter().all(|v| v.abs() < CLOSE) {
                     break;
                 }
@@ -290,7 +290,7 @@ fn start_sensitivity(stretch: &Stretch, run: &Run, seeds: &Seeds, s: &mut Sensit
         let mut x: Vec<Tangent> = run.x.iter().enumerate().map(|(i, v)| Tangent::variable(*v, i)).collect();
         if effects.touches(PortKind::Sensor) {
             // the effects' own states follow the plant at rest, so a slow sensor shifts nothing
-            rec::rest_states_after(&stretch.way_rad, &input, k, effects, &mut x);
+            rec::rest_states_after(stretch.before(), &input, k, effects, &mut x);
             let mut scratch = vec![Tangent::zero(); states];
             let mut seen = rec::shown(effects, stretch.time_s[0], &x, &mut scratch);
             seen[0] = seen[0] / DEGREES;
@@ -306,7 +306,7 @@ fn start_sensitivity(stretch: &Stretch, run: &Run, seeds: &Seeds, s: &mut Sensit
             return;
         }
         let mut x: Vec<Tangent> = run.x.iter().enumerate().map(|(i, v)| Tangent::variable(*v, i)).collect();
-        rec::rest_states_after(&stretch.way_rad, &input, k, effects, &mut x);
+        rec::rest_states_after(stretch.before(), &input, k, effects, &mut x);
         for i in STATES..states {
             for c in 0..count {
                 s.set(i, first + c, x[i].slope[states + c]);

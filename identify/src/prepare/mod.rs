@@ -2,6 +2,7 @@
 
 mod inputs;
 mod past;
+mod ran;
 mod rows;
 mod stretch;
 mod way;
@@ -13,6 +14,7 @@ use inputs::{BRIDGED_S, drained_pressure, filled, is_torn, led_angle, level, res
 use rows::{block_starts, dwells, fillings, rest_rows, slow, thinned};
 
 use past::past;
+use ran::ran;
 use way::way_rad;
 
 pub use rows::segments;
@@ -54,6 +56,7 @@ pub fn stretches(
         bypass_open: r.bypass_open[first..end].to_vec(),
         angle_rad: Vec::new(),
         way_rad: Vec::new(),
+        ran: ran(&r, first),
         past: None,
         pressure_bar: [Vec::new(), Vec::new()],
         inputs: Vec::new(),

@@ -1,5 +1,6 @@
 //! A stretch: a piece of a run that is simulated from one initial state, with its inputs and targets.
 
+use model::port::{Before, Ran};
 use model::rec::{Circuit, Input, Lever};
 use recordings::{Protocol, Recording};
 
@@ -98,6 +99,8 @@ pub struct Stretch {
     pub angle_rad: Vec<f64>,
     /// Turning points of the way on which a led lever came to its first angle, rad; that angle is the last. Empty: not known, or free.
     pub way_rad: Vec<f64>,
+    /// What the pump has done since the run's start.
+    pub ran: Vec<Ran>,
     /// What was before, where the lever is led or the pump on its bench, with angle and pressures as inputs: it says how the effects begin that remember.
     pub past: Option<Box<Stretch>>,
     /// Pressures as inputs, bar absolute; empty where they are not.
@@ -144,6 +147,7 @@ impl Stretch {
             bypass_open: Vec::new(),
             angle_rad: Vec::new(),
             way_rad: Vec::new(),
+            ran: Vec::new(),
             past: None,
             pressure_bar: [Vec::new(), Vec::new()],
             inputs,
@@ -161,6 +165,11 @@ impl Stretch {
     pub(super) fn has_inputs(&self) -> bool {
         let inputs = self.angle_rad.iter().chain(self.pressure_bar.iter().flatten());
         inputs.chain(&self.initial).all(|v| v.is_finite())
+    }
+
+    /// What was before it, as its effects remember it.
+    pub fn before(&self) -> Before<'_> {
+        Before { way_rad: &self.way_rad, ran: &self.ran }
     }
 
     /// The input before it, of which nothing is known: a pump on its bench is started from standstill.

@@ -188,6 +188,7 @@ mod tests {
         let mut z = vec![f64::NAN; L::HEADER.states];
         let still = Rest {
             arrival: Arrival::Led(way_rad),
+            ran: &[],
             angle_rad: way_rad[way_rad.len() - 1],
             pressure_bar: [2.0; 2],
             actuator_torque_nm: 0.0,

@@ -1,7 +1,7 @@
 //! A pump that slips more as its oil warms.
 
 use super::{Balance, Header, Law, Parameter, Refined};
-use crate::port::{Port, PortKind};
+use crate::port::{Port, PortKind, Rest};
 use crate::scalar::Scalar;
 
 /// See [`Law::HEADER`].
@@ -25,8 +25,12 @@ impl Law for PumpWarming {
         starts: &[&[0.01, 15.0], &[0.01, 60.0], &[0.03, 250.0], &[0.3, 30.0], &[0.5, 120.0]],
         passive: true,
     };
-    const REFINED: Option<Refined> =
-        Some(Refined { effect: &OtherPace, neutral: &[0.0], starts: &[&[1.0], &[-0.9]], away: &[] });
+    const REFINED: Option<Refined> = Some(Refined {
+        effect: &OtherCourse,
+        neutral: &[0.0, 0.0],
+        starts: &[&[1.0, 0.0], &[-0.9, 0.0], &[0.0, 0.9]],
+        away: &[],
+    });
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Line(l) = port {
@@ -36,27 +40,51 @@ impl Law for PumpWarming {
     }
 }
 
-/// A body that warms ever more slowly, with several time constants in a row, or steadily.
-struct OtherPace;
+/// A body that warms ever more slowly, with several time constants in a row, or steadily; or by what the pump does, whose losses grow with the square of its
+/// voltage.
+struct OtherCourse;
 
-impl Law for OtherPace {
+/// The voltage at which a pump that warms by what it does is in the end as warm as one that warms by running, V.
+const WARMING_V: f64 = 12.0;
+
+impl OtherCourse {
+    /// In the end, at this voltage.
+    fn in_the_end<S: Scalar>(voltage_v: S) -> S {
+        let share = voltage_v / WARMING_V;
+        share * share
+    }
+}
+
+impl Law for OtherCourse {
     const HEADER: Header = Header {
-        equation: "Q -= k*(1 - (1 + s*t/tau)^(-1/s))*dp*opening of the brake valve; all of it where the bracket is below 0",
-        validity: "t since the run's start; s = 0 one time constant, 1 a hyperbola, -1 a steady rise for tau",
+        equation: "Q -= k*((1-w)*(1 - (1 + s*t/tau)^(-1/s)) + w*x)*dp*opening of the brake valve, all of the bracket where its root's base is below 0; tau*x' = (u/12 V)^2 - x, x = 0 at the run's start",
+        validity: "t since the run's start; s = 0 one time constant, 1 a hyperbola, -1 a steady rise for tau; w = 0 warms by running alone, 1 by its losses at u alone",
+        literature: "Merritt, Hydraulic Control Systems, 1967, ch. 4 (slip flow goes as dp/viscosity); copper losses of a motor go as the square of its current",
         parameters: &[
             PumpWarming::HEADER.parameters[0],
             PumpWarming::HEADER.parameters[1],
             Parameter { name: "s", unit: "1", lower: -1.0, upper: 4.0, typical: 1.0, size: false },
+            Parameter { name: "w", unit: "1", lower: 0.0, upper: 1.0, typical: 1.0, size: false },
         ],
-        starts: &[&[0.03, 60.0, 1.0], &[0.1, 300.0, -0.9]],
+        states: 1,
+        starts: &[&[0.03, 60.0, 1.0, 0.0], &[0.1, 300.0, -0.9, 0.0], &[0.1, 100.0, 0.0, 1.0]],
         ..PumpWarming::HEADER
     };
 
-    fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
+    fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Line(l) = port {
-            let warmed = -(-slowed(S::constant(l.time_s) / k[1], k[2])).exp() + 1.0;
+            dx[0] = (Self::in_the_end(l.voltage_v) - x[0]) / k[1];
+            let running = -(-slowed(S::constant(l.time_s) / k[1], k[2])).exp() + 1.0;
+            let warmed = running + k[3] * (x[0] - running);
             l.flow_ml_s -= k[0] * warmed * l.dp_bar() * l.opening;
         }
+    }
+
+    fn rest<S: Scalar>(&self, k: &[S], rest: &Rest<S>, x: &mut [S]) {
+        x[0] = rest.ran.iter().fold(S::zero(), |x, ran| {
+            let end = Self::in_the_end(S::constant(ran.voltage_v));
+            end + (x - end) * (S::constant(-ran.for_s) / k[1]).exp()
+        });
     }
 }
 

@@ -11,7 +11,9 @@ mod slopes;
 use super::empirical::EMPIRICAL;
 use super::*;
 use crate::parameters::Parameters;
-use crate::port::{AMBIENT_BAR, ActuatorPort, HydraulicPort, LinePort, MechanicalPort, SensorPort};
+use crate::port::{
+    AMBIENT_BAR, ActuatorPort, Arrival, Before, HydraulicPort, LinePort, MechanicalPort, Ran, Rest, SensorPort,
+};
 use crate::rec::{self, Circuit, Input, Lever, STATES};
 use crate::scalar::Tangent;
 

@@ -2,7 +2,7 @@
 
 use super::*;
 use model::effects;
-use model::port::{ActuatorPort, HydraulicPort, LinePort, MechanicalPort, SensorPort};
+use model::port::{ActuatorPort, HydraulicPort, LinePort, MechanicalPort, Ran, SensorPort};
 
 #[test]
 fn each_form_stands_for_an_effect_of_its_balance_and_is_another() {
@@ -40,6 +40,7 @@ fn still(pressure_bar: [f64; 2]) -> Rest<'static, f64> {
     let (angle_rad, actuator_torque_nm, torque_nm, voltage_v) = (0.0, 0.0, 0.0, 0.0);
     Rest {
         arrival: Arrival::Free,
+        ran: &[],
         angle_rad,
         pressure_bar,
         actuator_torque_nm,
@@ -194,6 +195,25 @@ fn warming_begins_cold_and_ends_at_its_slip() {
     assert_eq!(slip(60.0, 0.0), 0.0);
     alike(slip(20.0, 1.0), 0.4 * (1.0 - 0.6 * (-1f64).exp() - 0.4 * (-1f64 / 8.0).exp()));
     assert!((slip(4000.0, -2.0) + 0.8).abs() < 1e-6, "with the pressure's sign");
+}
+
+#[test]
+fn losses_warm_either_way_and_what_was_done_before_the_rest_counts() {
+    let k = [0.4, 20.0];
+    let rates = |x: f64, voltage_v: f64| {
+        let (mut line, mut dx) = (LinePort::open(3.0, voltage_v, 1.0), [0.0]);
+        PumpWarmingByLosses.act_value(&k, &[x], &mut dx, &mut Port::Line(&mut line));
+        (dx[0], -line.flow_ml_s)
+    };
+    assert_eq!(rates(0.0, 0.0), (0.0, 0.0));
+    assert_eq!(rates(0.0, -15.0), rates(0.0, 15.0));
+    alike(rates(0.0, 30.0).0, 4.0 / 20.0);
+    alike(rates(1.0, 15.0).0, 0.0);
+    alike(rates(1.0, 15.0).1, 0.4 * (1f64.exp() - 1.0));
+    let history = [Ran { for_s: 20.0, voltage_v: 15.0 }, Ran { for_s: 40.0, voltage_v: 0.0 }];
+    let mut x = [f64::NAN];
+    PumpWarmingByLosses.rest(&k, &Rest { ran: &history, ..still([2.0; 2]) }, &mut x);
+    alike(x[0], (1.0 - (-1f64).exp()) * (-2f64).exp());
 }
 
 #[test]

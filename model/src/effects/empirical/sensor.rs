@@ -125,6 +125,7 @@ mod tests {
         let (pressure_bar, angle_rad) = ([2.0, 3.0], 0.5f64);
         let rest = Rest {
             arrival: Arrival::Free,
+            ran: &[],
             angle_rad,
             pressure_bar,
             actuator_torque_nm: 0.0,

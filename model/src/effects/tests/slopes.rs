@@ -166,25 +166,28 @@ fn rest_states_have_the_slopes_of_differences_and_stay_put() {
             for input in inputs(&mut rng).into_iter().filter(|i| i.circuit == Circuit::Pump) {
                 let mut plant = state(&mut rng);
                 plant[rec::state::VELOCITY] = 0.0;
-                let way = [-0.4, 0.3, plant[rec::state::ANGLE]];
+                let way_rad = [-0.4, 0.3, plant[rec::state::ANGLE]];
+                let ran = [Ran { for_s: 20.0, voltage_v: 0.0 }, Ran { for_s: 9.0, voltage_v: 14.0 }];
+                let before = Before { way_rad: &way_rad, ran: &ran };
                 let at: Vec<f64> = plant.iter().chain(*start).copied().collect();
                 let f = |v: &[f64]| {
                     let effects = set(*effect, &v[STATES..]);
                     let mut x = v[..STATES].to_vec();
                     x.resize(STATES + h.states, 0.0);
-                    rec::rest_states_after(&way, &input, &base, &effects, &mut x);
+                    rec::rest_states_after(before, &input, &base, &effects, &mut x);
                     x[STATES..].to_vec()
                 };
                 let dual = |v: &[Tangent]| {
                     let effects = EffectSet::new(STATES, [(*effect, v[STATES..].to_vec())]);
                     let mut x = v[..STATES].to_vec();
                     x.resize(STATES + h.states, Tangent::constant(0.0));
-                    rec::rest_states_after(&way, &input, &constants, &effects, &mut x);
+                    rec::rest_states_after(before, &input, &constants, &effects, &mut x);
                     x[STATES..].to_vec()
                 };
                 check_slopes(h.id, &at, &vec![1.0; at.len()], f, dual);
-                // the line's flow is not at rest where oil slips; a play's side is open where the torque is as small as noise
-                if !["line_inertance", "backlash"].contains(&h.id) {
+                // the line's flow is not at rest where oil slips; a play's side is open where the torque is as small as noise; a pump that is
+                // driven goes on warming
+                if !["line_inertance", "backlash", "pump_warming"].contains(&h.id) {
                     let effects = set(*effect, start);
                     let x = with_rest_states(&input, &base, &effects, &plant);
                     let still = Input { lever: Lever::Led { velocity_rad_s: 0.0 }, ..input };

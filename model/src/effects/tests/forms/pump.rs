@@ -6,7 +6,7 @@ use super::*;
 fn warming_is_half_done_after_its_time_constant_where_it_is_a_hyperbola_and_may_be_steady() {
     let slip = |time_s: f64, s: f64| {
         let mut line = line(time_s, 1.0);
-        general("pump_warming").act_value(&[0.4, 60.0, s], &[], &mut [], &mut Port::Line(&mut line));
+        general("pump_warming").act_value(&[0.4, 60.0, s, 0.0], &[0.7], &mut [0.0], &mut Port::Line(&mut line));
         -line.flow_ml_s
     };
     alike(slip(60.0, 1.0), 0.2);
@@ -23,6 +23,45 @@ fn warming_is_half_done_after_its_time_constant_where_it_is_a_hyperbola_and_may_
         alike(slip(0.01, s), 0.4 / 60.0 * 0.01);
         assert!(slip(600.0, s) < 0.4 && slip(600.0, s) > slip(300.0, s));
     }
+}
+
+#[test]
+fn warming_by_what_the_pump_does_goes_with_the_square_of_its_voltage_and_remembers_what_it_did() {
+    let k = [0.4, 60.0, 0.0, 1.0];
+    let form = general("pump_warming");
+    // state and slip at 1 bar after each of these in turn, in steps of 5 ms from cold
+    let run = |ran: &[Ran]| {
+        let (mut x, mut slip) = ([0.0], 0.0);
+        for ran in ran {
+            for _ in 0..(ran.for_s / 5e-3).round() as usize {
+                let mut dx = [0.0];
+                let mut l = LinePort::open(7.0, ran.voltage_v, 1.0);
+                form.act_value(&k, &x, &mut dx, &mut Port::Line(&mut l));
+                (x[0], slip) = (x[0] + 5e-3 * dx[0], -l.flow_ml_s);
+            }
+        }
+        (x[0], slip)
+    };
+    let ran = |for_s: f64, voltage_v: f64| Ran { for_s, voltage_v };
+    alike(run(&[ran(900.0, 12.0)]).1, 0.4);
+    alike(run(&[ran(900.0, -6.0)]).1, 0.1);
+    alike(run(&[ran(60.0, 24.0)]).1, 1.6 * (1.0 - (-1f64).exp()));
+    assert_eq!(run(&[ran(60.0, 0.0)]), (0.0, 0.0), "it stands still");
+    let history = [ran(20.0, 9.0), ran(35.0, 0.0), ran(10.0, -15.0), ran(0.5, 3.0)];
+    let rest = Rest {
+        arrival: Arrival::Free,
+        ran: &history,
+        angle_rad: 0.0,
+        pressure_bar: [2.0; 2],
+        actuator_torque_nm: 0.0,
+        torque_nm: 0.0,
+        voltage_v: 3.0,
+        brake_open: true,
+        bypass_open: false,
+    };
+    let mut x = [f64::NAN];
+    form.rest_value(&k, &rest, &mut x);
+    alike(x[0], run(&history).0);
 }
 
 /// Steps the pump's voltage from 0 to `volts`: the voltage that the pump sees after each 0.1 ms.
