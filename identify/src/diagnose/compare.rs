@@ -51,6 +51,22 @@ pub(super) fn joined(mut refits: Vec<Refit>, more: Vec<Refit>) -> Vec<Refit> {
     refits
 }
 
+/// Two names whose fit is no better than that of one of them alone, as far as clusters tell, stand behind that one: what the other takes is chance, and a second
+/// effect that is there shows in the next round.
+pub(super) fn fewest_first(problem: &Problem, mut refits: Vec<Refit>) -> Result<Vec<Refit>, SimulationError> {
+    let Some(best) = refits.first().filter(|r| r.only().is_none()) else { return Ok(refits) };
+    let part = |r: &Refit| r.only().is_some_and(|id| best.added.contains(&id));
+    let Some(place) = refits.iter().position(part) else { return Ok(refits) };
+    let residuals = |r: &Refit| problem.residuals(&r.fit.layout, &r.fit.point);
+    let (clusters, count) = crate::score::clusters(problem);
+    let (_, worse) = advantage(&residuals(&refits[place])?, &residuals(best)?, &clusters, count);
+    tracing::debug!(names = ?best.added, worse, "one of two names alone");
+    if worse < PREFERRED {
+        refits[..=place].rotate_right(1);
+    }
+    Ok(refits)
+}
+
 /// The effect is what its name says, its sizes together are known to be other than zero, and none is pressed against a physical bound.
 pub(super) fn is_sound(fit: &Fit, covariance: &nalgebra::DMatrix<f64>, n: usize) -> bool {
     if !fit.layout.effects[n].is_itself(fit.values_of(n)) {
@@ -100,13 +116,15 @@ pub(super) fn rivals(problem: &Problem, refits: &[Refit], before: f64) -> Result
     Ok(out)
 }
 
-/// Probabilities of the refitted candidates from how far they stand behind the best, in standard errors.
+/// Probabilities of the refitted candidates from how far they stand behind the best, in standard errors. What holds the best and more is none of them.
 pub(super) fn rank(problem: &Problem, refits: &[Refit]) -> Result<Vec<Ranked>, SimulationError> {
     let (clusters, count) = crate::score::clusters(problem);
     let Some(first) = refits.first() else { return Ok(Vec::new()) };
     let best = problem.residuals(&first.fit.layout, &first.fit.point)?;
+    let holds_it = |r: &Refit| first.added.iter().all(|id| r.added.contains(id));
+    let refits: Vec<&Refit> = refits.iter().filter(|r| r.added == first.added || !holds_it(r)).collect();
     let mut weights = Vec::new();
-    for r in refits {
+    for r in &refits {
         let other = problem.residuals(&r.fit.layout, &r.fit.point)?;
         let (total, z) = advantage(&other, &best, &clusters, count);
         let weight = (-0.5 * z.max(0.0).powi(2)).exp().max((-0.5 * total.max(0.0)).exp());
@@ -142,8 +160,40 @@ pub(super) fn where_they_differ(problem: &Problem, a: &Fit, b: &Fit) -> Result<S
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fit::Effort;
     use crate::layout::Layout;
     use crate::problem::Point;
+    use model::effects::find;
+
+    /// Refits of a lag with a tilt and of the lag alone, on runs of a rig with these effects, and their ranking.
+    fn refits_of_lag_and_tilt(acting: Vec<(&'static dyn Effect, Vec<f64>)>) -> (Vec<Vec<&'static str>>, Vec<Ranked>) {
+        let truth = model::Parameters::example();
+        let runs = [7, 8].map(|seed| crate::common::run(&truth, acting.clone(), 20.0, seed));
+        let (problem, plain) = (crate::common::problem(&runs), crate::common::layout(&truth));
+        let of = |ids: &[&'static str], values: &[f64]| {
+            let layout = ids.iter().fold(plain.clone(), |layout, id| layout.with(find(id).unwrap()));
+            let point = problem.point([plain.vector_of(&truth), values.to_vec()].concat());
+            let fit = crate::fit::fit(&problem, &layout, point, Effort::default()).unwrap();
+            Refit { added: ids.to_vec(), fit, led: None }
+        };
+        let refits = vec![of(&["pump_lag", "tilt"], &[0.02, 0.001, 0.0]), of(&["pump_lag"], &[0.02])];
+        let refits = fewest_first(&problem, refits).unwrap();
+        let ranked = rank(&problem, &refits).unwrap();
+        (refits.into_iter().map(|r| r.added).collect(), ranked)
+    }
+
+    #[test]
+    fn two_names_stand_behind_the_one_that_does_as_well_and_before_one_that_does_not() {
+        let lag = || (find("pump_lag").unwrap(), vec![0.02]);
+        let (order, ranked) = refits_of_lag_and_tilt(vec![lag()]);
+        assert_eq!(order, [vec!["pump_lag"], vec!["pump_lag", "tilt"]]);
+        let told: Vec<(&str, f64)> = ranked.iter().map(|r| (&r.id[..], r.probability)).collect();
+        assert_eq!(told, [("pump_lag", 1.0)], "the two are no other candidate");
+        let tilt = (find("tilt").unwrap(), vec![0.1, 0.1]);
+        let (order, ranked) = refits_of_lag_and_tilt(vec![lag(), tilt]);
+        assert_eq!(order, [vec!["pump_lag", "tilt"], vec!["pump_lag"]]);
+        assert!(ranked.len() == 2 && ranked[0].probability > 0.9);
+    }
 
     #[test]
     fn of_the_same_names_the_cheapest_refit_stands() {

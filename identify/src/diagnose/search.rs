@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use model::effects::Effect;
 use model::integrate::SimulationError;
 
-use super::compare::{is_sound, joined, look_alikes, rank, rivals, where_they_differ};
+use super::compare::{fewest_first, is_sound, joined, look_alikes, rank, rivals, where_they_differ};
 use super::found::{Found, Name, Step};
 use super::holdout::HoldOut;
 use super::refits::{least_gain, nested_on, refit_all};
@@ -176,11 +176,13 @@ impl<'a> Search<'a> {
         let mut shortlist = self.shortlist(round, &open, &bases)?;
         let room = self.most_names(found).saturating_sub(last.names.len());
         shortlist.retain(|set| set.len() <= room);
-        let mut refits = refit_all(&self.brief, &bases, round, &shortlist, None, self.progress);
+        let refits = refit_all(&self.brief, &bases, round, &shortlist, None, self.progress);
+        let mut refits = fewest_first(&self.brief, refits)?;
         // what looks like the best one must be refitted too before that is named
         let alike = look_alikes(round, &refits, &open);
         if !alike.is_empty() {
-            refits = joined(refits, refit_all(&self.brief, &bases, round, &alike, None, self.progress));
+            let more = refit_all(&self.brief, &bases, round, &alike, None, self.progress);
+            refits = fewest_first(&self.brief, joined(refits, more))?;
         }
         let without = round.scene.fit;
         let leads = |best: &Refit| without.cost - best.fit.cost >= least_gain(&self.brief, without);
