@@ -12,7 +12,7 @@ impl Law for PumpWarming {
         id: "pump_warming",
         balance: Balance::Pump,
         ports: &[PortKind::Line],
-        summary: "the pump's slip grows as the oil warms with running time",
+        summary: "the pump's slip grows as the oil warms",
         equation: "Q -= k*(1 - exp(-t/tau))*dp*opening of the brake valve",
         validity: "t since the run's start; one time constant whatever the load",
         measure: "pump map at one voltage and load, again and again over some minutes",
