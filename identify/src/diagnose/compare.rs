@@ -165,8 +165,8 @@ mod tests {
     use crate::problem::Point;
     use model::effects::find;
 
-    /// Refits of a lag with a tilt and of the lag alone, on runs of a rig with these effects, and their ranking.
-    fn refits_of_lag_and_tilt(acting: Vec<(&'static dyn Effect, Vec<f64>)>) -> (Vec<Vec<&'static str>>, Vec<Ranked>) {
+    /// Refits of a lag with a wall that creeps and of the lag alone, on runs of a rig with these effects, and their ranking.
+    fn refits_of_lag_and_creep(acting: Vec<(&'static dyn Effect, Vec<f64>)>) -> (Vec<Vec<&'static str>>, Vec<Ranked>) {
         let truth = model::Parameters::example();
         let runs = [7, 8].map(|seed| crate::common::run(&truth, acting.clone(), 20.0, seed));
         let (problem, plain) = (crate::common::problem(&runs), crate::common::layout(&truth));
@@ -176,7 +176,7 @@ mod tests {
             let fit = crate::fit::fit(&problem, &layout, point, Effort::default()).unwrap();
             Refit { added: ids.to_vec(), fit, led: None }
         };
-        let refits = vec![of(&["pump_lag", "tilt"], &[0.02, 0.001, 0.0]), of(&["pump_lag"], &[0.02])];
+        let refits = vec![of(&["pump_lag", "wall_creep"], &[0.02, 0.01, 1.0]), of(&["pump_lag"], &[0.02])];
         let refits = fewest_first(&problem, refits).unwrap();
         let ranked = rank(&problem, &refits).unwrap();
         (refits.into_iter().map(|r| r.added).collect(), ranked)
@@ -185,13 +185,13 @@ mod tests {
     #[test]
     fn two_names_stand_behind_the_one_that_does_as_well_and_before_one_that_does_not() {
         let lag = || (find("pump_lag").unwrap(), vec![0.02]);
-        let (order, ranked) = refits_of_lag_and_tilt(vec![lag()]);
-        assert_eq!(order, [vec!["pump_lag"], vec!["pump_lag", "tilt"]]);
+        let (order, ranked) = refits_of_lag_and_creep(vec![lag()]);
+        assert_eq!(order, [vec!["pump_lag"], vec!["pump_lag", "wall_creep"]]);
         let told: Vec<(&str, f64)> = ranked.iter().map(|r| (&r.id[..], r.probability)).collect();
         assert_eq!(told, [("pump_lag", 1.0)], "the two are no other candidate");
-        let tilt = (find("tilt").unwrap(), vec![0.1, 0.1]);
-        let (order, ranked) = refits_of_lag_and_tilt(vec![lag(), tilt]);
-        assert_eq!(order, [vec!["pump_lag", "tilt"], vec!["pump_lag"]]);
+        let creep = (find("wall_creep").unwrap(), vec![0.6, 1.3]);
+        let (order, ranked) = refits_of_lag_and_creep(vec![lag(), creep]);
+        assert_eq!(order, [vec!["pump_lag", "wall_creep"], vec!["pump_lag"]]);
         assert!(ranked.len() == 2 && ranked[0].probability > 0.9);
     }
 
