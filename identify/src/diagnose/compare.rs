@@ -168,7 +168,7 @@ mod tests {
     /// Refits of a lag with a wall that creeps and of the lag alone, on runs of a rig with these effects, and their ranking.
     fn refits_of_lag_and_creep(acting: Vec<(&'static dyn Effect, Vec<f64>)>) -> (Vec<Vec<&'static str>>, Vec<Ranked>) {
         let truth = model::Parameters::example();
-        let runs = [7, 8].map(|seed| crate::common::run(&truth, acting.clone(), 20.0, seed));
+        let runs = [7, 8, 9, 10].map(|seed| crate::common::run(&truth, acting.clone(), 20.0, seed));
         let (problem, plain) = (crate::common::problem(&runs), crate::common::layout(&truth));
         let of = |ids: &[&'static str], values: &[f64]| {
             let layout = ids.iter().fold(plain.clone(), |layout, id| layout.with(find(id).unwrap()));
