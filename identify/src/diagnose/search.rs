@@ -257,19 +257,19 @@ impl<'a> Search<'a> {
         );
         // as data left out show it: a fit takes up a part of what is missing
         let (without, with) = (self.left(found, last), self.left(found, step));
-        let certain = misfit::largest(&without) > CLEAR;
+        let largest = misfit::largest(&without);
         let complete = misfit::total(&with) < (1.0 - EXPLAINED) * misfit::total(&without);
-        let preferred = held > 0.0 && is_preferred(better, held_better, certain, complete);
+        let preferred = held > 0.0 && is_preferred(better, held_better, largest, complete);
         Ok(preferred && removed >= MATERIAL && sound)
     }
 }
 
-/// A model is preferred to one with a name less: by so many standard errors where it was fitted (`better`) and where it was not. `certain`: something is
-/// missing; `complete`: the name takes nearly all of it away. Where that is open both must say so: data left out may be predicted better because the fit
-/// without the name has gone a little astray.
-fn is_preferred(better: f64, held_better: f64, certain: bool, complete: bool) -> bool {
-    let needed = if certain && complete { HELD } else { PREFERRED };
-    better.max(held_better) >= needed && held_better >= HELD && (certain || better >= HELD)
+/// A model is preferred to one with a name less: by so many standard errors where it was fitted (`better`) and where it was not. `largest`: noise floors that
+/// the one without leaves; `complete`: the name takes nearly all of it away, which of more than noise chance does not. Unless something is missing for certain
+/// both must say so: data left out may be predicted better because the fit without the name has gone a little astray.
+fn is_preferred(better: f64, held_better: f64, largest: f64, complete: bool) -> bool {
+    let needed = if largest > CONSISTENT && complete { HELD } else { PREFERRED };
+    better.max(held_better) >= needed && held_better >= HELD && (largest > CLEAR || better >= HELD)
 }
 
 /// Names that leave `largest` noise floors, and this share `left` of what was missing on data left out, and take away this share `of_cost` of the fit's cost,
@@ -311,11 +311,13 @@ mod tests {
 
     #[test]
     fn a_name_is_preferred_where_it_was_fitted_and_where_it_was_not() {
-        assert!(is_preferred(3.1, 2.1, false, false) && is_preferred(2.1, 3.1, false, false));
-        assert!(!is_preferred(1.7, 3.2, false, false), "the fit without it has gone astray");
-        assert!(is_preferred(1.7, 3.2, true, false), "something is missing, in a few clusters");
-        assert!(!is_preferred(9.0, 1.9, true, true), "data left out don't say so");
-        assert!(!is_preferred(2.5, 2.5, true, false) && is_preferred(1.0, 2.1, true, true));
+        assert!(is_preferred(3.1, 2.1, 0.2, false) && is_preferred(2.1, 3.1, 0.2, false));
+        assert!(!is_preferred(1.7, 3.2, 0.6, false), "the fit without it has gone astray");
+        assert!(is_preferred(1.7, 3.2, 0.8, false), "something is missing, in a few clusters");
+        assert!(!is_preferred(9.0, 1.9, 0.8, true), "data left out don't say so");
+        assert!(!is_preferred(2.5, 2.5, 0.8, false) && is_preferred(1.0, 2.1, 0.8, true));
+        assert!(is_preferred(2.5, 2.5, 0.5, true) && !is_preferred(1.9, 2.5, 0.5, true), "more than noise, by both");
+        assert!(!is_preferred(2.5, 2.5, 0.4, true), "as little as noise may leave");
     }
 
     #[test]
