@@ -1,6 +1,7 @@
 //! A rig file's signals and the CAN database: each is held against the other.
 
-use super::{Changed, changed};
+use super::{Changed, changed, database};
+use bench::rig_file::WIRED;
 
 #[test]
 fn signals_are_held_against_the_database() {

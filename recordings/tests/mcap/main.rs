@@ -9,12 +9,12 @@ mod loss;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use common::{assert_says, bits, metadata, sample, sample_bits, skipping, write_mcap};
+use common::{assert_says, bits, metadata, sample, sample_bits, write_mcap};
 use mcap::records::Metadata;
 use proptest::prelude::*;
 use prost_reflect::{DescriptorPool, DynamicMessage, Value};
-use recordings::{AmplifierReport, CampaignError, Event, Item, McapReader, McapWriter, Protocol, Recording, Severity};
-use rt_core::{LossCertificate, LossTracker, Sample, flags};
+use recordings::{CampaignError, Event, Item, McapReader, McapWriter, Protocol, Recording, Severity};
+use rt_core::{LossCertificate, Sample};
 
 fn folder() -> (tempfile::TempDir, PathBuf) {
     let dir = tempfile::tempdir().unwrap();
