@@ -6,7 +6,7 @@ use identify::layout::Layout;
 use identify::predict::{linearise, predict};
 use identify::prepare::{Channel, Stretch, stretches};
 use model::Parameters;
-use model::effects::{EffectSet, find};
+use model::effects::{Effect, EffectSet, find};
 use model::integrate::Integrator;
 use model::rec::{self, Circuit, Input, Lever, STATES, state};
 use recordings::{Plane, Protocol, Recording};
@@ -21,7 +21,11 @@ const INERT: Memory = ("line_inertance", &[0.5]);
 
 /// A pump that is started at the first point and runs on from point to point, V and bar at its first port.
 fn pump_map(truth: &Parameters, (id, values): Memory, points: &[(f64, f64)]) -> Recording {
-    let effects = EffectSet::new(STATES, [(find(id).unwrap(), values.to_vec())]);
+    pump_map_of(truth, find(id).unwrap(), values, points)
+}
+
+fn pump_map_of(truth: &Parameters, effect: &'static dyn Effect, values: &[f64], points: &[(f64, f64)]) -> Recording {
+    let effects = EffectSet::new(STATES, [(effect, values.to_vec())]);
     let k = truth.to_vector();
     let mut x = vec![0.0; STATES + effects.states];
     let input = Input {
@@ -96,6 +100,32 @@ fn a_point_begins_with_what_the_one_before_has_left() {
         let without = largest_error_ml(&truth, memory, &cut);
         assert!(with < 0.002 && without > 0.1, "{memory:?}: {with} ml, and {without} from standstill");
     }
+}
+
+/// Largest error of a predicted volume, ml, where the pump warms by its general form.
+fn largest_error_of_a_warming_pump_ml(truth: &Parameters, stretches: &[Stretch], values: &[f64]) -> f64 {
+    let layout = Layout::base(truth).with(find("pump_warming").unwrap().refined().unwrap().effect);
+    let theta = [layout.vector_of(truth), values.to_vec()].concat();
+    let errors = stretches.iter().flat_map(|s| {
+        let shown = predict(s, &layout, &theta, &[0.0; 3]).unwrap();
+        s.targets.iter().zip(shown).map(|(t, y)| (t.measured - y).abs()).collect::<Vec<_>>()
+    });
+    errors.fold(0.0, f64::max)
+}
+
+#[test]
+fn a_point_begins_as_warm_as_all_points_before_have_left_the_pump() {
+    let (truth, values) = (Parameters::example(), [2.0, 40.0, 0.0, 1.0]);
+    let general = find("pump_warming").unwrap().refined().unwrap().effect;
+    // far longer than the seconds that motor and line remember
+    let mut cut = cut(&pump_map_of(&truth, general, &values, &POINTS.repeat(3)));
+    let with = largest_error_of_a_warming_pump_ml(&truth, &cut, &values);
+    for s in &mut cut {
+        s.ran.clear();
+        s.past.iter_mut().for_each(|past| past.ran.clear());
+    }
+    let without = largest_error_of_a_warming_pump_ml(&truth, &cut, &values);
+    assert!(with < 1e-6 && without > 0.1, "{with} ml, and {without} from cold");
 }
 
 #[test]

@@ -51,9 +51,13 @@ pub(super) fn joined(mut refits: Vec<Refit>, more: Vec<Refit>) -> Vec<Refit> {
     refits
 }
 
-/// Two names whose fit is no better than that of one of them alone, as far as clusters tell, stand behind that one: what the other takes is chance, and a second
-/// effect that is there shows in the next round.
-pub(super) fn fewest_first(problem: &Problem, mut refits: Vec<Refit>) -> Result<Vec<Refit>, SimulationError> {
+/// Two names of which one alone does all but nothing less stand behind that one: what the other takes is chance, and a second effect that is there shows in the
+/// next round. `before`: the cost without any of them.
+pub(super) fn fewest_first(
+    problem: &Problem,
+    mut refits: Vec<Refit>,
+    before: f64,
+) -> Result<Vec<Refit>, SimulationError> {
     let Some(best) = refits.first().filter(|r| r.only().is_none()) else { return Ok(refits) };
     let part = |r: &Refit| r.only().is_some_and(|id| best.added.contains(&id));
     let Some(place) = refits.iter().position(part) else { return Ok(refits) };
@@ -61,10 +65,16 @@ pub(super) fn fewest_first(problem: &Problem, mut refits: Vec<Refit>) -> Result<
     let (clusters, count) = crate::score::clusters(problem);
     let (_, worse) = advantage(&residuals(&refits[place])?, &residuals(best)?, &clusters, count);
     tracing::debug!(names = ?best.added, worse, "one of two names alone");
-    if worse < PREFERRED {
+    if does_as_well(before, refits[place].fit.cost, best.fit.cost, worse) {
         refits[..=place].rotate_right(1);
     }
     Ok(refits)
+}
+
+/// One name, which leaves `alone`, does what two do that leave `both` of what was there `before`, and is so many standard errors `worse`: few clusters tell
+/// nothing apart, however much the second name does, and of a great misfit a small second effect is little.
+fn does_as_well(before: f64, alone: f64, both: f64, worse: f64) -> bool {
+    before - alone >= RIVAL * (before - both) && worse < PREFERRED
 }
 
 /// The effect is what its name says, its sizes together are known to be other than zero, and none is pressed against a physical bound.
@@ -177,22 +187,30 @@ mod tests {
             Refit { added: ids.to_vec(), fit, led: None }
         };
         let refits = vec![of(&["pump_lag", "wall_creep"], &[0.02, 0.01, 1.0]), of(&["pump_lag"], &[0.02])];
-        let refits = fewest_first(&problem, refits).unwrap();
+        let before = problem.cost(&plain, &problem.point(plain.vector_of(&truth)));
+        let refits = fewest_first(&problem, refits, before).unwrap();
         let ranked = rank(&problem, &refits).unwrap();
         (refits.into_iter().map(|r| r.added).collect(), ranked)
     }
 
     #[test]
     fn two_names_stand_behind_the_one_that_does_as_well_and_before_one_that_does_not() {
-        let lag = || (find("pump_lag").unwrap(), vec![0.02]);
-        let (order, ranked) = refits_of_lag_and_creep(vec![lag()]);
+        let lag = |tau_s: f64| (find("pump_lag").unwrap(), vec![tau_s]);
+        let (order, ranked) = refits_of_lag_and_creep(vec![lag(0.02)]);
         assert_eq!(order, [vec!["pump_lag"], vec!["pump_lag", "wall_creep"]]);
         let told: Vec<(&str, f64)> = ranked.iter().map(|r| (&r.id[..], r.probability)).collect();
         assert_eq!(told, [("pump_lag", 1.0)], "the two are no other candidate");
         let creep = (find("wall_creep").unwrap(), vec![0.6, 1.3]);
-        let (order, ranked) = refits_of_lag_and_creep(vec![lag(), creep]);
+        let (order, ranked) = refits_of_lag_and_creep(vec![lag(0.02), creep]);
         assert_eq!(order, [vec!["pump_lag", "wall_creep"], vec!["pump_lag"]]);
         assert!(ranked.len() == 2 && ranked[0].probability > 0.9);
+    }
+
+    #[test]
+    fn one_name_does_as_well_as_two_by_share_and_by_clusters() {
+        assert!(does_as_well(100.0, 20.1, 20.0, 1.0));
+        assert!(!does_as_well(100.0, 60.0, 20.0, 2.8), "half of it is missing, in few clusters");
+        assert!(!does_as_well(100.0, 21.0, 20.0, 4.0), "little, and certain");
     }
 
     #[test]

@@ -177,12 +177,12 @@ impl<'a> Search<'a> {
         let room = self.most_names(found).saturating_sub(last.names.len());
         shortlist.retain(|set| set.len() <= room);
         let refits = refit_all(&self.brief, &bases, round, &shortlist, None, self.progress);
-        let mut refits = fewest_first(&self.brief, refits)?;
+        let mut refits = fewest_first(&self.brief, refits, round.scene.fit.cost)?;
         // what looks like the best one must be refitted too before that is named
         let alike = look_alikes(round, &refits, &open);
         if !alike.is_empty() {
             let more = refit_all(&self.brief, &bases, round, &alike, None, self.progress);
-            refits = fewest_first(&self.brief, joined(refits, more))?;
+            refits = fewest_first(&self.brief, joined(refits, more), round.scene.fit.cost)?;
         }
         let without = round.scene.fit;
         let leads = |best: &Refit| without.cost - best.fit.cost >= least_gain(&self.brief, without);
