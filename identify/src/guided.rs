@@ -22,8 +22,15 @@ pub struct Guided {
     fit: Fit,
     /// Where no effect that it lacks has bent it.
     unbent: Point,
-    /// First steps of the effects that were asked for, by id: who takes away much is led on from there.
-    stepped: Mutex<BTreeMap<&'static str, Option<FirstSteps>>>,
+    /// First steps of the effects that were asked for: who takes away much is led on from there.
+    stepped: Mutex<BTreeMap<Form, Option<FirstSteps>>>,
+}
+
+/// The form of an effect: its id, and how many parameters it has.
+type Form = (&'static str, usize);
+
+fn form_of(effect: &'static dyn Effect) -> Form {
+    (effect.header().id, effect.header().parameters.len())
 }
 
 /// A few steps from the best starts at each place, and the other starts with what they cost.
@@ -154,7 +161,7 @@ impl Guided {
     pub fn led(&self, effect: &'static dyn Effect, beside: f64) -> Option<Led> {
         let tight = self.problems.first()?;
         // where nothing shows there is nothing to be led by, but for an effect that shows, or one whose first steps were asked for
-        let asked = self.stepped.lock().unwrap_or_else(PoisonError::into_inner).contains_key(effect.header().id);
+        let asked = self.stepped.lock().unwrap_or_else(PoisonError::into_inner).contains_key(&form_of(effect));
         if !asked && !self.shows() && self.linearly(effect)? < LEADS {
             return None;
         }
@@ -198,14 +205,14 @@ impl Guided {
     }
 
     fn first_steps(&self, effect: &'static dyn Effect) -> Option<FirstSteps> {
-        let id = effect.header().id;
+        let form = form_of(effect);
         // a thread that panicked with it has left what was there before
         let known = || self.stepped.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(steps) = known().get(id) {
+        if let Some(steps) = known().get(&form) {
             return steps.clone();
         }
         let steps = self.step_from_starts(effect);
-        known().insert(id, steps.clone());
+        known().insert(form, steps.clone());
         steps
     }
 

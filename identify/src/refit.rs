@@ -53,6 +53,7 @@ pub fn refit(
     added: &[(&'static dyn Effect, Vec<&Direction>)],
     effort: Effort,
 ) -> Option<Refit> {
+    let added = &in_leading_form(added)[..];
     let current = bases.scene.fit;
     let mut layout = current.layout.clone();
     for (effect, _) in added {
@@ -123,6 +124,19 @@ pub fn refit(
     tracing::debug!(last = ?added.last().map(|(e, _)| e.header().id), costs = ?tried.iter().map(|f| f.cost).collect::<Vec<_>>(), "starts");
     let fit = tried.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost))?;
     Some(Refit { added: added.iter().map(|(e, _)| e.header().id).collect(), fit, led: left })
+}
+
+/// These effects in the form of their first direction, with the directions of that form alone: those of another have other parameters.
+fn in_leading_form<'d>(
+    added: &[(&'static dyn Effect, Vec<&'d Direction>)],
+) -> Vec<(&'static dyn Effect, Vec<&'d Direction>)> {
+    let parameters = |effect: &'static dyn Effect| effect.header().parameters.len();
+    let each = added.iter().map(|(effect, directions)| {
+        let form = directions.first().map_or(*effect, |d| d.effect);
+        let own = directions.iter().copied().filter(|d| parameters(d.effect) == parameters(form));
+        (form, own.collect())
+    });
+    each.collect()
 }
 
 /// What is missing shows under a guide, a single effect leads nowhere there, and does not do most of it in free run either (what is slow, a guide follows):
@@ -225,6 +239,41 @@ mod tests {
         let after: Vec<Vec<f64>> = pairs.iter().map(|p| vec![p.1]).collect();
         let clusters: Vec<Vec<usize>> = (0..pairs.len()).map(|n| vec![n]).collect();
         advantage(&before, &after, &clusters, pairs.len()).1
+    }
+
+    /// Parameters of the form that a pump whose slip follows its warmth is refitted with, and what that leaves (cost a target): warm by running, or by its losses.
+    fn warmed(by_losses: f64) -> (usize, f64) {
+        let truth = model::Parameters::example();
+        let plain = model::effects::find("pump_warming").unwrap();
+        let general = plain.refined().unwrap().effect;
+        let runs = [7, 8]
+            .map(|seed| crate::common::dynamic(&truth, Some((general, vec![0.5, 12.0, 0.0, by_losses])), 30.0, seed));
+        let (problem, layout) = (crate::common::problem(&runs), crate::common::layout(&truth));
+        let component = layout.vector_of(&truth);
+        let base = fit(&problem, &layout, problem.point(component.clone()), Effort::default()).unwrap();
+        let scene = Scene::new(&problem, &base).unwrap();
+        let directions = crate::equivalence::best(&scene, plain);
+        let bases = Bases {
+            scene: &scene,
+            component: &component,
+            short: &problem,
+            guided: None,
+            beside: f64::INFINITY,
+            gross: false,
+        };
+        let refit = refit(&problem, &bases, &[(plain, directions.iter().collect())], Effort::default()).unwrap();
+        assert_eq!(refit.only(), Some("pump_warming"));
+        let last = refit.fit.layout.effects.last().unwrap();
+        assert!(base.cost > 1.5 * problem.targets() as f64, "{}", base.cost / problem.targets() as f64);
+        (last.header().parameters.len(), refit.fit.cost / problem.targets() as f64)
+    }
+
+    #[test]
+    fn an_effect_is_refitted_in_the_form_whose_direction_leads() {
+        let (plain, left) = warmed(0.0);
+        assert!(plain == 2 && left < 1.05, "by running: {plain} parameters, {left}");
+        let (general, left) = warmed(1.0);
+        assert!(general == 4 && left < 1.05, "by its losses: {general} parameters, {left}");
     }
 
     #[test]

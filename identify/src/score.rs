@@ -34,7 +34,7 @@ pub struct Scene<'a> {
 
 /// One direction of a candidate.
 pub struct Direction {
-    /// The candidate.
+    /// The candidate, or its general form where that is of another kind ([`model::effects::Refined::screened`]).
     pub effect: &'static dyn Effect,
     /// The parameters at which the secant was taken.
     pub start: Vec<f64>,
@@ -126,7 +126,10 @@ impl<'a> Scene<'a> {
         if empirical::is_nameless(effect) {
             return self.term_directions(effect);
         }
-        effect.header().starts.par_iter().filter_map(|start| self.direction(effect, start)).collect()
+        let own = effect.header().starts.iter().map(|start| (effect, *start));
+        let general = effect.refined().into_iter().flat_map(|r| r.screened.iter().map(move |start| (r.effect, *start)));
+        let places: Vec<(&'static dyn Effect, &[f64])> = own.chain(general).collect();
+        places.into_par_iter().filter_map(|(form, start)| self.direction(form, start)).collect()
     }
 
     /// The directions of a sum of terms, each at its usual size: a sum is linear, so all of them follow from its slopes at nothing.

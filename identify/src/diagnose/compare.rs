@@ -77,6 +77,17 @@ fn does_as_well(before: f64, alone: f64, both: f64, worse: f64) -> bool {
     before - alone >= RIVAL * (before - both) && worse < PREFERRED
 }
 
+/// Refits with the best single name first, where two stand first and that is one of them: what is asked where those two are refused, for of two names the second
+/// may be chance, or not known to be other than zero, when the first is certain. Where another single name is better neither is clear.
+pub(super) fn better_half(refits: &[Refit]) -> Option<Vec<Refit>> {
+    let two = refits.first().filter(|r| r.only().is_none())?;
+    let place = refits.iter().position(|r| r.only().is_some())?;
+    refits[place].only().filter(|id| two.added.contains(id))?;
+    let mut out = refits.to_vec();
+    out[..=place].rotate_right(1);
+    Some(out)
+}
+
 /// The effect is what its name says, its sizes together are known to be other than zero, and none is pressed against a physical bound.
 pub(super) fn is_sound(fit: &Fit, covariance: &nalgebra::DMatrix<f64>, n: usize) -> bool {
     if !fit.layout.effects[n].is_itself(fit.values_of(n)) {
@@ -213,17 +224,28 @@ mod tests {
         assert!(!does_as_well(100.0, 21.0, 20.0, 4.0), "little, and certain");
     }
 
+    /// A refit of this cost with these names.
+    fn of(added: &[&'static str], cost: f64) -> Refit {
+        let point = Point { theta: Vec::new(), initial: Vec::new() };
+        let layout = Layout::base(&model::Parameters::example());
+        Refit { added: added.to_vec(), fit: Fit { layout, point, cost, converged: true }, led: None }
+    }
+
+    #[test]
+    fn where_two_are_refused_the_better_of_them_is_asked_unless_a_third_is_better() {
+        let ids = |refits: Option<Vec<Refit>>| refits.map(|r| r.iter().map(|r| r.added.join("+")).collect::<Vec<_>>());
+        let (lag, tilt) = (of(&["pump_lag"], 20.0), of(&["tilt"], 50.0));
+        let two = of(&["tilt", "pump_lag"], 19.0);
+        let asked = ids(better_half(&[two.clone(), lag.clone(), tilt.clone()]));
+        assert_eq!(asked.unwrap(), ["pump_lag", "tilt+pump_lag", "tilt"]);
+        let third = of(&["backlash"], 19.5);
+        assert!(better_half(&[two.clone(), third, lag.clone()]).is_none(), "neither is clear");
+        assert!(better_half(&[lag, two.clone()]).is_none(), "a single one was refused");
+        assert!(better_half(&[two]).is_none() && better_half(&[]).is_none());
+    }
+
     #[test]
     fn of_the_same_names_the_cheapest_refit_stands() {
-        let layout = Layout::base(&model::Parameters::example());
-        let of = |added: &[&'static str], cost: f64| {
-            let point = Point { theta: Vec::new(), initial: Vec::new() };
-            Refit {
-                added: added.to_vec(),
-                fit: Fit { layout: layout.clone(), point, cost, converged: true },
-                led: None,
-            }
-        };
         let first = vec![of(&["torque_cubic"], 10.0), of(&["tilt"], 15.0), of(&["tilt", "end_stop"], 16.0)];
         let all = joined(first, vec![of(&["tilt"], 9.0)]);
         let told: Vec<(&[&str], f64)> = all.iter().map(|r| (&r.added[..], r.fit.cost)).collect();

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use model::effects::Effect;
 use model::integrate::SimulationError;
 
-use super::compare::{fewest_first, is_sound, joined, look_alikes, rank, rivals, where_they_differ};
+use super::compare::{better_half, fewest_first, is_sound, joined, look_alikes, rank, rivals, where_they_differ};
 use super::found::{Found, Name, Step};
 use super::holdout::HoldOut;
 use super::refits::{least_gain, nested_on, refit_all};
@@ -50,6 +50,16 @@ pub(super) fn is_gross(problem: &Problem, fit: &Fit, colours: &[Colour]) -> Resu
     }
     let residual = problem.residuals(&fit.layout, &fit.point)?;
     Ok(misfit::largest(&misfit::parts(problem, &residual, colours)) > GROSS)
+}
+
+/// A candidate that every judge accepts.
+struct Accepted {
+    /// With it, on the whole runs.
+    step: Step,
+    /// On the brief ones.
+    best: Refit,
+    /// The brief runs' fit stood in another minimum when the candidates were compared.
+    elsewhere: bool,
 }
 
 /// What stays the same throughout.
@@ -184,14 +194,33 @@ impl<'a> Search<'a> {
             let more = refit_all(&self.brief, &bases, round, &alike, None, self.progress);
             refits = fewest_first(&self.brief, joined(refits, more), round.scene.fit.cost)?;
         }
-        let without = round.scene.fit;
-        let leads = |best: &Refit| without.cost - best.fit.cost >= least_gain(&self.brief, without);
+        let leads = |best: &Refit| round.scene.fit.cost - best.fit.cost >= least_gain(&self.brief, round.scene.fit);
         if !refits.first().is_some_and(leads) {
             if found.ranking.is_empty() {
                 found.ranking = rank(&self.brief, &refits)?;
             }
             return Ok(None);
         }
+        let alone = better_half(&refits);
+        let mut accepted = self.best_of(found, round, refits)?;
+        if let Some(alone) = alone.filter(|alone| accepted.is_none() && leads(&alone[0])) {
+            accepted = self.best_of(found, round, alone)?;
+        }
+        match accepted {
+            Some(accepted) => self.completed(found, &last, accepted),
+            None => Ok(None),
+        }
+    }
+
+    /// The best of a round's refits (their first) on the whole runs; `None` where it can't be brought there, or no judge or not every judge is convinced.
+    fn best_of(
+        &self,
+        found: &mut Found,
+        round: &Round,
+        mut refits: Vec<Refit>,
+    ) -> Result<Option<Accepted>, SimulationError> {
+        let last = found.last().clone();
+        let without = round.scene.fit;
         let Some(best) = refits.first_mut() else { return Ok(None) };
         let seated = self.seated(found, &last.fit, &best.fit, without)?;
         if let Some(Seated { brief: Some(brief), .. }) = &seated {
@@ -203,7 +232,7 @@ impl<'a> Search<'a> {
             found.ranking = ranked.clone();
         }
         let Some(Seated { fit, brief: moved }) = seated else { return Ok(None) };
-        let rivals = rivals(&self.brief, &refits, round.scene.fit.cost)?;
+        let rivals = rivals(&self.brief, &refits, without.cost)?;
         let next_experiment = match rivals.first() {
             Some(rival) => Some(where_they_differ(&self.brief, &best.fit, &rival.fit)?),
             None => None,
@@ -218,9 +247,13 @@ impl<'a> Search<'a> {
         let step = self.step(fit, names)?;
         found.learn(self.problem, &step.residual);
         let accepted = self.accepts(found, &last, &step, best)?;
-        if !accepted {
-            return Ok(None);
-        }
+        Ok(accepted.then(|| Accepted { step, best: best.clone(), elsewhere: moved.is_some() }))
+    }
+
+    /// An accepted step without what is needless in it, and with better names in the places of its own where there are any; `None` where that leads back
+    /// to the `last` one.
+    fn completed(&self, found: &mut Found, last: &Step, accepted: Accepted) -> Result<Option<Step>, SimulationError> {
+        let Accepted { step, best, elsewhere } = accepted;
         (self.progress)(&format!("added {}", best.added.join(" and ")));
         if let Some(lean) = self.without_needless(&step, &best.fit)? {
             let (begun, ended) = ((&last.ids(), last.fit.cost), (&lean.ids(), lean.fit.cost));
@@ -228,12 +261,12 @@ impl<'a> Search<'a> {
         }
         // nor are two that leave most of a gross misfit what is missing, whatever stands in the place of either
         let two_are_lost = step.names.len() == MOST_EFFECTS && self.is_lost(found, &step);
-        if two_are_lost || self.is_beside_the_point(found, &last, &step) {
+        if two_are_lost || self.is_beside_the_point(found, last, &step) {
             return Ok(Some(step));
         }
         // a name of this round was compared beside the earlier one, unless both are of this round, or that one stood elsewhere
         let mut unseen: Vec<&'static str> = step.names.iter().map(|n| n.effect.header().id).collect();
-        unseen.retain(|id| moved.is_some() || best.added.len() > 1 || !best.added.contains(id));
+        unseen.retain(|id| elsewhere || best.added.len() > 1 || !best.added.contains(id));
         self.reviewed(found, step, best.fit.clone(), &unseen).map(Some)
     }
 

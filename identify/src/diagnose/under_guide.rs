@@ -57,8 +57,12 @@ impl Search<'_> {
             let shortlist = under.joined(shortlist);
             // friction of another kind than the model's leaves little under a guide once the model's has bent to it, and a free run that is elsewhere
             let hidden = bases.gross && guided.lacks() && !under.leads() && in_free_run < LEADS;
-            let led = hidden.then(|| UnderGuide::led(guided, &shortlist)).filter(UnderGuide::takes_most);
-            return Ok(led.map_or(shortlist.clone(), |led| led.narrow(shortlist, in_free_run)));
+            if !hidden {
+                return Ok(shortlist);
+            }
+            let led = UnderGuide::led(guided, &shortlist);
+            // who leads nowhere, here nor in free run, linearly nor in steps, is not what is missing
+            return Ok(if led.takes_most() || !led.leads() { led.narrow(shortlist, in_free_run) } else { shortlist });
         }
         if !under.leads() {
             // friction of another kind than the model's acts as no little of it would

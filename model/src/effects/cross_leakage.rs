@@ -26,8 +26,13 @@ impl Law for CrossLeakage {
         starts: &[&[0.03, 0.02], &[0.5, 0.02], &[3.0, 0.1], &[0.3, 5.0]],
         passive: true,
     };
-    const REFINED: Option<Refined> =
-        Some(Refined { effect: &AnyPower, neutral: &[0.5, 2.0], starts: &[&[0.7, 2.0], &[0.5, 0.7]], away: &[] });
+    const REFINED: Option<Refined> = Some(Refined {
+        effect: &AnyPower,
+        neutral: &[0.5, 2.0],
+        starts: &[&[0.7, 2.0], &[0.5, 0.7]],
+        away: &[],
+        screened: &[],
+    });
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Hydraulic(h) = port

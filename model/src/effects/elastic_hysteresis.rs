@@ -42,6 +42,7 @@ impl Law for ElasticHysteresis {
             &[4.0, 1.0, 1.0, 0.0, 5.0],
         ],
         away: &[],
+        screened: &[],
     });
 
     fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {

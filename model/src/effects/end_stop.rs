@@ -49,6 +49,7 @@ impl Law for EndStop {
             (&[0.2, 0.2, 0.9], &[10.0, 0.0, 0.0, 0.05]),
             (&[0.08, 0.08, 0.8], &[10.0, 0.0, 0.0, 0.1]),
         ],
+        screened: &[],
     });
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {

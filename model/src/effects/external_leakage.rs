@@ -31,6 +31,7 @@ impl Law for ExternalLeakage {
         neutral: &[1.0, 0.01, 2.0],
         starts: &[&[0.6, 0.01, 2.0], &[0.5, 0.3, 1.0]],
         away: &[],
+        screened: &[],
     });
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {

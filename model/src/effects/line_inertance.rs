@@ -31,6 +31,7 @@ impl Law for LineInertance {
         neutral: &[0.0, 0.0],
         starts: &[&[1e-3, 0.0], &[5e-3, 0.0], &[0.02, 0.0], &[1e-3, 1.0]],
         away: &[],
+        screened: &[],
     });
 
     fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {

@@ -108,6 +108,8 @@ pub struct Refined {
     pub starts: &'static [&'static [f64]],
     /// Starts where a form of another kind has them elsewhere: factors of what was found, and its own values.
     pub away: &'static [(&'static [f64], &'static [f64])],
+    /// Values of all its parameters at which it does what the library's form takes little of: a search asks for them as well as for the library's starts.
+    pub screened: &'static [&'static [f64]],
 }
 
 impl Refined {

@@ -35,7 +35,7 @@ impl Law for PressureDrift {
     };
 
     const REFINED: Option<Refined> =
-        Some(Refined { effect: &GoingOn, neutral: &[0.0], starts: &[&[1.0], &[0.3]], away: &[] });
+        Some(Refined { effect: &GoingOn, neutral: &[0.0], starts: &[&[1.0], &[0.3]], away: &[], screened: &[] });
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         shift(k, port, |time| settled(time));

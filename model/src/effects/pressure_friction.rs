@@ -30,6 +30,7 @@ impl Law for PressureFriction {
         neutral: &[1.0, 0.0],
         starts: &[&[1.0, 0.9], &[1.0, 0.4], &[0.6, 0.0]],
         away: &[],
+        screened: &[],
     });
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {

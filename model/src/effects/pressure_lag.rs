@@ -31,6 +31,7 @@ impl Law for PressureLag {
         neutral: &[0.0, 0.0],
         starts: &[&[0.2, 0.0], &[0.5, 0.0], &[0.05, 0.5]],
         away: &[],
+        screened: &[],
     });
 
     fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {

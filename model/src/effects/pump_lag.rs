@@ -28,6 +28,7 @@ impl Law for PumpLag {
         neutral: &[0.0, 0.0],
         starts: &[&[0.2, 0.01], &[0.8, 0.01], &[0.2, 0.2]],
         away: &[],
+        screened: &[],
     });
 
     fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {

@@ -30,6 +30,7 @@ impl Law for PumpWarming {
         neutral: &[0.0, 0.0],
         starts: &[&[1.0, 0.0], &[-0.9, 0.0], &[0.0, 0.9]],
         away: &[],
+        screened: &[&[0.1, 30.0, 0.0, 1.0], &[0.1, 120.0, 0.0, 1.0]],
     });
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {

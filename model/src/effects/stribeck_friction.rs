@@ -33,8 +33,13 @@ impl Law for StribeckFriction {
         ],
         passive: true,
     };
-    const REFINED: Option<Refined> =
-        Some(Refined { effect: &AnyFall, neutral: &[2.0, 0.0], starts: &[&[1.0, 0.0], &[2.0, 1.0]], away: &[] });
+    const REFINED: Option<Refined> = Some(Refined {
+        effect: &AnyFall,
+        neutral: &[2.0, 0.0],
+        starts: &[&[1.0, 0.0], &[2.0, 1.0]],
+        away: &[],
+        screened: &[],
+    });
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Mechanical(m) = port {

@@ -25,8 +25,13 @@ impl Law for TrappedAir {
         starts: &[&[0.2, 0.0], &[0.0, 0.2], &[0.2, 0.2], &[4.0, 0.5], &[0.5, 4.0]],
         passive: true,
     };
-    const REFINED: Option<Refined> =
-        Some(Refined { effect: &Dissolving, neutral: &[0.0, 10.0], starts: &[&[0.1, 10.0], &[0.1, 1.0]], away: &[] });
+    const REFINED: Option<Refined> = Some(Refined {
+        effect: &Dissolving,
+        neutral: &[0.0, 10.0],
+        starts: &[&[0.1, 10.0], &[0.1, 1.0]],
+        away: &[],
+        screened: &[],
+    });
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Hydraulic(h) = port {

@@ -50,6 +50,7 @@ impl<V: Valve> Law for Late<V> {
         neutral: &[0.0, 0.0],
         starts: &[&[0.1, 0.0], &[0.3, 0.0], &[0.45, 0.0], &[0.0, 0.7]],
         away: &[],
+        screened: &[],
     });
 
     fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {

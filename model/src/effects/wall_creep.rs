@@ -27,8 +27,13 @@ impl Law for WallCreep {
         starts: &[&[0.1, 0.2], &[0.1, 1.0], &[0.1, 5.0], &[2.0, 0.3], &[2.0, 1.0], &[2.0, 4.0]],
         passive: true,
     };
-    const REFINED: Option<Refined> =
-        Some(Refined { effect: &TwoBranches, neutral: &[0.0, 5.0], starts: &[&[0.5, 5.0], &[0.5, 0.2]], away: &[] });
+    const REFINED: Option<Refined> = Some(Refined {
+        effect: &TwoBranches,
+        neutral: &[0.0, 5.0],
+        starts: &[&[0.5, 5.0], &[0.5, 0.2]],
+        away: &[],
+        screened: &[],
+    });
 
     fn act<S: Scalar>(&self, k: &[S], x: &[S], dx: &mut [S], port: &mut Port<'_, S>) {
         if let Port::Hydraulic(h) = port {

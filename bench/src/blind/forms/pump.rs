@@ -58,7 +58,7 @@ impl Law for PumpWarmingTwoMasses {
     }
 }
 
-/// Oil that thins exponentially as the losses of the motor warm it; what it has done decides, not how long it has run.
+/// Oil that thins as the losses of the motor warm it, by Vogel's law (ln of the viscosity falls as B/(C + T)); what it has done decides, not how long it has run.
 pub(super) struct PumpWarmingByLosses;
 
 impl Law for PumpWarmingByLosses {
@@ -66,7 +66,7 @@ impl Law for PumpWarmingByLosses {
         "pump_warming_by_losses",
         Balance::Pump,
         &[PortKind::Line],
-        "Q -= k*(exp(T) - 1)*dp*opening of the brake valve; tau*T' = (u/15 V)^2 - T, T = 0 at the run's start",
+        "Q -= k*(exp(T/(1 + T/5)) - 1)*dp*opening of the brake valve; tau*T' = (u/15 V)^2 - T, T = 0 at the run's start",
         &[size("k", "ml/(s bar)", 5.0, 0.05), shape("tau", "s", 5.0, 600.0, 60.0)],
         1,
         &[&[0.02, 40.0], &[0.05, 150.0]],
@@ -76,7 +76,8 @@ impl Law for PumpWarmingByLosses {
         if let Port::Line(l) = port {
             let share = l.voltage_v / 15.0;
             dx[0] = (share * share - x[0]) / k[1];
-            l.flow_ml_s -= k[0] * (x[0].exp() - 1.0) * l.dp_bar() * l.opening;
+            let thinned = (x[0] / (x[0] / 5.0 + 1.0)).exp();
+            l.flow_ml_s -= k[0] * (thinned - 1.0) * l.dp_bar() * l.opening;
         }
     }
 

@@ -21,6 +21,9 @@ fn a_refined_form_is_the_library_s_at_its_neutral_values() {
         let within = |(p, v): (&Parameter, &f64)| (p.lower..=p.upper).contains(v);
         assert!(own.len() == refined.neutral.len() && own.iter().zip(refined.neutral).all(within), "{}", plain.id);
         assert!(refined.away.iter().all(|(factors, _)| factors.len() == same.len()), "{}", plain.id);
+        let parameters = general.parameters;
+        let placed = |v: &[f64]| v.len() == parameters.len() && parameters.iter().zip(v).all(within);
+        assert!(refined.screened.iter().all(|v| placed(v) && v[same.len()..] != *refined.neutral), "{}", plain.id);
         for found in plain.starts {
             let all = refined.all_starts(found);
             assert_eq!(all.len(), refined.starts.len() + refined.away.len() + general.starts.len());
