@@ -4,6 +4,7 @@
 mod bench;
 mod plant;
 mod rig;
+mod time_outs;
 #[path = "../vcan/mod.rs"]
 mod vcan;
 mod wires;
