@@ -72,9 +72,15 @@ pub fn valued(added: &AddedEffect) -> Result<Valued, FreeRunError> {
     if let Some(parameter) = added.parameters.keys().find(|name| parameters.iter().all(|p| p.name != *name)) {
         return Err(FreeRunError::UnknownParameter { id: id(), parameter: parameter.clone(), all: all() });
     }
-    let values = parameters.iter().map(|p| {
+    // a file of before a general form got a parameter holds the form without it
+    let neutral = |at: usize| {
+        let plain = effects::find(&added.id)?;
+        let own = at.checked_sub(plain.header().parameters.len())?;
+        plain.refined().map(|form| form.neutral[own])
+    };
+    let values = parameters.iter().enumerate().map(|(at, p)| {
         let missing = || FreeRunError::MissingParameter { id: id(), parameter: p.name, all: all() };
-        added.parameters.get(p.name).copied().ok_or_else(missing)
+        added.parameters.get(p.name).copied().or_else(|| neutral(at)).ok_or_else(missing)
     });
     Ok((effect, values.collect::<Result<_, _>>()?))
 }
@@ -155,6 +161,8 @@ mod tests {
             form(&[("n", 1.5), ("e", 0.0), ("c", 0.0), ("b", 0.02), ("k1", 10.0), ("k2", 12.0), ("phi_c", 30.0)])
                 .expect("the general form");
         assert_eq!((general.header().id, &values[..]), ("end_stop", &[10.0, 12.0, 30.0, 1.5, 0.0, 0.0, 0.02][..]));
+        let (older, values) = form(&[("n", 1.5), ("k1", 10.0), ("k2", 12.0), ("phi_c", 30.0)]).expect("before b");
+        assert_eq!((older.header().parameters.len(), &values[..]), (7, &[10.0, 12.0, 30.0, 1.5, 0.0, 0.0, 0.02][..]));
         let error = form(&[("n", 1.5), ("k1", 10.0), ("k2", 10.0)]).expect_err("an angle is missing").to_string();
         assert!(error.contains("\"phi_c\"") && error.contains("n (1)"), "{error}");
         let error = form(&[("N", 1.5), ("k1", 10.0), ("k2", 10.0), ("phi_c", 30.0)])

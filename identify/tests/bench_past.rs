@@ -115,7 +115,7 @@ fn largest_error_of_a_warming_pump_ml(truth: &Parameters, stretches: &[Stretch],
 
 #[test]
 fn a_point_begins_as_warm_as_all_points_before_have_left_the_pump() {
-    let (truth, values) = (Parameters::example(), [2.0, 40.0, 0.0, 1.0]);
+    let (truth, values) = (Parameters::example(), [2.0, 40.0, 0.0, 1.0, 0.0]);
     let general = find("pump_warming").unwrap().refined().unwrap().effect;
     // far longer than the seconds that motor and line remember
     let mut cut = cut(&pump_map_of(&truth, general, &values, &POINTS.repeat(3)));

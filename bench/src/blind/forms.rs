@@ -2,8 +2,10 @@
 //! same leak in another way, and the diagnosis must name it all the same. None of them is a case of a law in the library, general forms
 //! (`Law::REFINED`) included: what another simulator writes need not be one either.
 
+mod chambers;
 mod pump;
 
+use chambers::DisplacementStraightens;
 use model::effects::{Balance, Effect, Header, Law, Parameter};
 use model::port::{AMBIENT_BAR, Arrival, Port, PortKind, Rest};
 use model::scalar::Scalar;
@@ -16,6 +18,7 @@ pub static FORMS: &[(&str, &dyn Effect)] = &[
     ("pressure_friction", &PressureFrictionRational),
     ("end_stop", &EndStopPadded),
     ("wall_creep", &WallCreepThreeTimes),
+    ("displacement_pressure", &DisplacementStraightens),
     ("cross_leakage", &CrossLeakageGap),
     ("external_leakage", &ExternalLeakageGap),
     ("trapped_air", &TrappedAirPolytropic),

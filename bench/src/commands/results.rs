@@ -11,6 +11,7 @@ use crate::simulation::effects_of;
 use identify::analysis::{Analysis, Depth, WriteError, analyse_from, write_whole};
 use identify::declared::Declared;
 use identify::figures::text::{between, number};
+use identify::findings::{Finding, UNRECOGNISED};
 use identify::identification::{IdentifyError, Loaded};
 use identify::torque_form::TorqueForm;
 use model::ModelFile;
@@ -201,20 +202,8 @@ pub fn summary(analysis: &Analysis) -> Vec<String> {
     if let Some(findings) = &analysis.findings
         && !findings.effects.is_empty()
     {
-        let mut rows = vec![
-            ["effect", "balance", "parameter", "value", "std. error", "95 % interval", "unit"]
-                .map(String::from)
-                .to_vec(),
-        ];
-        for effect in &findings.effects {
-            rows.extend(effect.parameters.0.iter().map(|(name, v)| {
-                let (id, balance) = (effect.id.to_string(), effect.balance.to_string());
-                let known = between(v.interval, v.std);
-                vec![id, balance, name.to_string(), number(v.value, 4), number(v.std, 2), known, v.unit.to_string()]
-            }));
-        }
         out.push(String::new());
-        out.extend(aligned(&rows));
+        out.extend(added(&findings.effects));
     }
     let diagnosed = analysis.diagnosis.is_some();
     let mut rows = vec![vec!["run".to_string(), "channel".to_string()]];
@@ -232,6 +221,41 @@ pub fn summary(analysis: &Analysis) -> Vec<String> {
     }
     out.push(String::new());
     out.extend(aligned(&rows));
+    out
+}
+
+/// What was added: every parameter of an effect, and of terms without a name those that are known to be other than zero. The others trade places with them
+/// and with each other, so what they do is seen as a curve alone.
+fn added(effects: &[Finding]) -> Vec<String> {
+    let mut rows = vec![
+        ["effect", "balance", "parameter", "value", "std. error", "95 % interval", "unit"].map(String::from).to_vec(),
+    ];
+    let mut open = 0;
+    for effect in effects {
+        for (name, v) in &effect.parameters.0 {
+            if effect.id == UNRECOGNISED && (v.interval[0]..=v.interval[1]).contains(&0.0) {
+                open += 1;
+                continue;
+            }
+            let (id, balance) = (effect.id.to_string(), effect.balance.to_string());
+            let known = between(v.interval, v.std);
+            rows.push(vec![
+                id,
+                balance,
+                name.to_string(),
+                number(v.value, 4),
+                number(v.std, 2),
+                known,
+                v.unit.to_string(),
+            ]);
+        }
+    }
+    let mut out = if rows.len() > 1 { aligned(&rows) } else { Vec::new() };
+    if open > 0 {
+        out.push(format!(
+            "Terms without a name that may each be zero: {open}. What all terms do together is a curve in {REPORT_FILE}; their values are in findings.json."
+        ));
+    }
     out
 }
 
@@ -256,12 +280,42 @@ pub(super) fn aligned(rows: &[Vec<String>]) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use identify::findings::{Named, Value};
 
     #[test]
     fn numbers_stand_to_the_right_and_texts_to_the_left() {
         let rows = [["run", "RMSE"], ["a", "12.5"], ["square", "1e-3"]].map(|r| r.map(String::from).to_vec());
         assert_eq!(aligned(&rows), ["run     RMSE", "a       12.5", "square  1e-3"]);
         assert!(aligned(&[]).is_empty());
+    }
+
+    #[test]
+    fn of_terms_without_a_name_those_are_told_that_are_known_to_be_other_than_zero() {
+        let value = |value: f64, half: f64| Value {
+            value,
+            std: half / 2.0,
+            unit: "Nm",
+            interval: [value - half, value + half],
+        };
+        let of = |id: &'static str, known: f64, open: f64| Finding {
+            id,
+            balance: "torque",
+            probability: 1.0,
+            equivalent: Vec::new(),
+            parameters: Named(vec![("sine", value(known, 0.1)), ("cosine", value(open, 0.3))]),
+        };
+        let told = |effect: Finding| added(&[effect]).join("\n");
+        let named = told(of("tilt", 1.0, 0.2));
+        assert!(named.contains("sine") && named.contains("cosine") && !named.contains("without a name"), "{named}");
+        let some = told(of(UNRECOGNISED, 1.0, 0.2));
+        assert!(
+            some.contains(" sine")
+                && !some.contains("cosine")
+                && some.contains("\nTerms without a name that may each be zero: 1."),
+            "{some}"
+        );
+        let none = told(of(UNRECOGNISED, 0.05, 0.2));
+        assert!(none.starts_with("Terms without a name that may each be zero: 2.") && !none.contains("sine"), "{none}");
     }
 
     #[test]

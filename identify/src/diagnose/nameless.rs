@@ -15,6 +15,7 @@ use super::whole::on_the_whole;
 use super::{CLEAR, LEVEL, PREFERRED};
 use crate::colour::Colour;
 use crate::fit::{Effort, Fit, fit};
+use crate::guided::LEADS;
 use crate::misfit;
 use crate::problem::Problem;
 use crate::refit::advantage;
@@ -150,6 +151,8 @@ struct Told {
     left: f64,
     /// Of the data they were fitted to.
     fitted: f64,
+    /// What they take away where the simulation follows what was measured, as a share; 0 where it can't.
+    guided: f64,
 }
 
 /// A point as it is.
@@ -196,14 +199,29 @@ const PREDICTED: f64 = 0.5;
 const FITS_AS_WELL: f64 = 1.25;
 
 /// Which terms predict best. A gross misfit that none of them predicts is one that they have to go on from (a curve beyond the angles it was seen at, a
-/// memory longer than theirs): how far they go astray there says nothing of the balance, what they make of the data they have does, unless others do as well.
-/// `whole`: what is left out without them.
+/// memory longer than theirs): how far they go astray there says nothing of the balance. Where the simulation follows what was measured nothing goes astray: who
+/// takes away far more there than the others tells. If nobody does, what they make of the data they have tells, unless others fit as well and predict
+/// better by as much. `whole`: what is left out without them.
 fn tells(told: &[Told], whole: f64, gross: bool) -> Option<usize> {
-    let astray = gross && told.iter().all(|t| t.left > PREDICTED * whole);
-    let best = told.iter().map(|t| t.fitted).fold(f64::INFINITY, f64::min);
-    let fits = |n: &usize| !astray || told[*n].fitted <= FITS_AS_WELL * best;
-    (0..told.len()).filter(fits).min_by(|a, b| told[*a].left.total_cmp(&told[*b].left))
+    let left = |n: &usize| told[*n].left;
+    let predicts_best = (0..told.len()).min_by(|a, b| left(a).total_cmp(&left(b)))?;
+    if !gross || left(&predicts_best) <= PREDICTED * whole {
+        return Some(predicts_best);
+    }
+    let most = (0..told.len()).max_by(|a, b| told[*a].guided.total_cmp(&told[*b].guided))?;
+    let far_more = |n: usize| n == most || told[most].guided >= FAR_MORE * told[n].guided;
+    if told[most].guided >= LEADS && (0..told.len()).all(far_more) {
+        return Some(most);
+    }
+    let fits_best = (0..told.len()).min_by(|a, b| told[*a].fitted.total_cmp(&told[*b].fitted))?;
+    let fits = |n: &usize| told[*n].fitted <= FITS_AS_WELL * told[fits_best].fitted;
+    let better = |n: &usize| FITS_AS_WELL * left(n) <= left(&fits_best);
+    let other = (0..told.len()).filter(|n| fits(n) && better(n)).min_by(|a, b| left(a).total_cmp(&left(b)));
+    Some(other.unwrap_or(fits_best))
 }
+
+/// Terms that take away so many times what the others do under a guide tell.
+const FAR_MORE: f64 = 1.5;
 
 /// The balance whose nameless terms predict left-out data best, refitted: what is fitted better may only be the set with more terms.
 /// `round`: of those terms; `under`: what they take away under a guide, where the misfit is gross; `colours`: of the noise. `only`: of this balance alone.
@@ -239,8 +257,9 @@ fn empirical(
         let pulled = Pulled::best(&search.brief, &refit.fit, &hold_out, colours);
         let fitted = search.brief.residuals(&refit.fit.layout, &refit.fit.point)?;
         let fitted = misfit::unweighted(&misfit::parts(&search.brief, &fitted, colours));
-        let of = Told { left: pulled.left, fitted };
-        tracing::info!(term = ?refit.added, cost = refit.fit.cost, pulled.share, of.left, of.fitted, "nameless terms on data left out");
+        let guided = under.zip(refit.fit.layout.effects.last()).map_or(0.0, |(under, terms)| under.share(*terms));
+        let of = Told { left: pulled.left, fitted, guided };
+        tracing::info!(term = ?refit.added, cost = refit.fit.cost, pulled.share, of.left, of.fitted, of.guided, "nameless terms on data left out");
         told.push(of);
         fits.push(refit.fit);
     }
@@ -285,11 +304,17 @@ mod tests {
 
     #[test]
     fn terms_that_predict_best_stand_and_where_none_predicts_a_gross_misfit_those_that_fit_best() {
-        let of = |left: f64, fitted: f64| Told { left, fitted };
-        assert_eq!(tells(&[of(60.0, 10.0), of(40.0, 30.0)], 100.0, true), Some(1), "one of them predicts");
-        assert_eq!(tells(&[of(900.0, 10.0), of(70.0, 30.0)], 100.0, true), Some(0), "none does");
-        assert_eq!(tells(&[of(900.0, 10.0), of(70.0, 30.0)], 100.0, false), Some(1), "nor is it gross");
-        assert_eq!(tells(&[of(900.0, 10.0), of(70.0, 11.0)], 100.0, true), Some(1), "nor which of two fits");
+        let of = |left: f64, fitted: f64, guided: f64| Told { left, fitted, guided };
+        let none = |told: [Told; 2]| tells(&told, 100.0, true);
+        assert_eq!(none([of(60.0, 10.0, 0.0), of(40.0, 30.0, 0.0)]), Some(1), "one of them predicts");
+        assert_eq!(none([of(900.0, 10.0, 0.0), of(70.0, 30.0, 0.0)]), Some(0), "none does");
+        assert_eq!(tells(&[of(900.0, 10.0, 0.0), of(70.0, 30.0, 0.0)], 100.0, false), Some(1), "nor is it gross");
+        assert_eq!(none([of(900.0, 10.0, 0.0), of(70.0, 11.0, 0.0)]), Some(1), "which of two fits does not tell");
+        assert_eq!(none([of(71.0, 10.0, 0.0), of(70.0, 12.0, 0.0)]), Some(0), "nor how they predict");
+        assert_eq!(none([of(900.0, 30.0, 0.8), of(70.0, 10.0, 0.4)]), Some(0), "the guide tells");
+        assert_eq!(none([of(900.0, 30.0, 0.5), of(70.0, 10.0, 0.4)]), Some(1), "it does not");
+        assert_eq!(none([of(900.0, 30.0, 0.04), of(70.0, 10.0, 0.0)]), Some(1), "where hardly anything shows there");
+        assert_eq!(none([of(60.0, 30.0, 0.8), of(40.0, 10.0, 0.1)]), Some(1), "one that predicts stands all the same");
         assert_eq!(tells(&[], 100.0, true), None);
     }
 }

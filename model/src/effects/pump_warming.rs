@@ -27,10 +27,10 @@ impl Law for PumpWarming {
     };
     const REFINED: Option<Refined> = Some(Refined {
         effect: &OtherCourse,
-        neutral: &[0.0, 0.0],
-        starts: &[&[1.0, 0.0], &[-0.9, 0.0], &[0.0, 0.9]],
+        neutral: &[0.0, 0.0, 0.0],
+        starts: &[&[1.0, 0.0, 0.0], &[-0.9, 0.0, 0.0], &[0.0, 0.9, 0.0], &[0.0, 0.9, 0.7]],
         away: &[],
-        screened: &[&[0.1, 30.0, 0.0, 1.0], &[0.1, 120.0, 0.0, 1.0]],
+        screened: &[&[0.1, 30.0, 0.0, 1.0, 0.0], &[0.1, 120.0, 0.0, 1.0, 0.0]],
     });
 
     fn act<S: Scalar>(&self, k: &[S], _x: &[S], _dx: &mut [S], port: &mut Port<'_, S>) {
@@ -42,7 +42,7 @@ impl Law for PumpWarming {
 }
 
 /// A body that warms ever more slowly, with several time constants in a row, or steadily; or by what the pump does, whose losses grow with the square of its
-/// voltage.
+/// voltage. And oil that thins exponentially, so that the slip grows the faster the warmer it is.
 struct OtherCourse;
 
 /// The voltage at which a pump that warms by what it does is in the end as warm as one that warms by running, V.
@@ -58,17 +58,23 @@ impl OtherCourse {
 
 impl Law for OtherCourse {
     const HEADER: Header = Header {
-        equation: "Q -= k*((1-w)*(1 - (1 + s*t/tau)^(-1/s)) + w*x)*dp*opening of the brake valve, all of the bracket where its root's base is below 0; tau*x' = (u/12 V)^2 - x, x = 0 at the run's start",
-        validity: "t since the run's start; s = 0 one time constant, 1 a hyperbola, -1 a steady rise for tau; w = 0 warms by running alone, 1 by its losses at u alone",
-        literature: "Merritt, Hydraulic Control Systems, 1967, ch. 4 (slip flow goes as dp/viscosity); copper losses of a motor go as the square of its current",
+        equation: "Q -= k*(exp(c*W) - 1)/c*dp*opening of the brake valve, W = (1-w)*(1 - (1 + s*t/tau)^(-1/s)) + w*x, all of its first bracket where its root's base is below 0; tau*x' = (u/12 V)^2 - x, x = 0 at the run's start",
+        validity: "t since the run's start; s = 0 one time constant, 1 a hyperbola, -1 a steady rise for tau; w = 0 warms by running alone, 1 by its losses at u alone; c = 0 slips in proportion to its warmth W",
+        literature: "Merritt, Hydraulic Control Systems, 1967, ch. 4 (slip flow goes as dp/viscosity); copper losses of a motor go as the square of its current; Reynolds, Phil. Trans. R. Soc. 177, 1886 (viscosity falls exponentially with temperature)",
         parameters: &[
             PumpWarming::HEADER.parameters[0],
             PumpWarming::HEADER.parameters[1],
             Parameter { name: "s", unit: "1", lower: -1.0, upper: 4.0, typical: 1.0, size: false },
             Parameter { name: "w", unit: "1", lower: 0.0, upper: 1.0, typical: 1.0, size: false },
+            Parameter { name: "c", unit: "1", lower: -1.0, upper: 2.0, typical: 0.5, size: false },
         ],
         states: 1,
-        starts: &[&[0.03, 60.0, 1.0, 0.0], &[0.1, 300.0, -0.9, 0.0], &[0.1, 100.0, 0.0, 1.0]],
+        starts: &[
+            &[0.03, 60.0, 1.0, 0.0, 0.0],
+            &[0.1, 300.0, -0.9, 0.0, 0.0],
+            &[0.1, 100.0, 0.0, 1.0, 0.0],
+            &[0.05, 40.0, 0.0, 1.0, 0.7],
+        ],
         ..PumpWarming::HEADER
     };
 
@@ -77,7 +83,7 @@ impl Law for OtherCourse {
             dx[0] = (Self::in_the_end(l.voltage_v) - x[0]) / k[1];
             let running = -(-slowed(S::constant(l.time_s) / k[1], k[2])).exp() + 1.0;
             let warmed = running + k[3] * (x[0] - running);
-            l.flow_ml_s -= k[0] * warmed * l.dp_bar() * l.opening;
+            l.flow_ml_s -= k[0] * thinned(warmed, k[4]) * l.dp_bar() * l.opening;
         }
     }
 
@@ -98,5 +104,17 @@ fn slowed<S: Scalar>(x: S, s: S) -> S {
         x * series
     } else {
         (product + 1.0).at_least(1e-9).ln() / s
+    }
+}
+
+/// `(exp(c*x) - 1)/c`, which is x where c is 0.
+fn thinned<S: Scalar>(x: S, c: S) -> S {
+    let product = c * x;
+    if product.value().abs() < 1e-3 {
+        // both sides of the quotient vanish: its series, to 1e-14
+        let series = product * (product * (product * (1.0 / 24.0) + 1.0 / 6.0) + 0.5) + 1.0;
+        x * series
+    } else {
+        (product.exp() - 1.0) / c
     }
 }

@@ -107,6 +107,17 @@ fn a_padded_stop_has_the_pad_s_stiffness_and_five_times_of_it_behind_the_pad_at_
 }
 
 #[test]
+fn a_displacement_grows_with_pressure_up_to_its_bound_in_one_chamber_as_it_falls_in_the_other() {
+    let k = [0.4, 3.0];
+    let of = |gauge: [f64; 2]| chambers(&DisplacementStraightens, &k, gauge, &[], &mut []).displacement_ml_rad;
+    let [one, other] = of([3.0, 3.0]);
+    alike(one, 0.4 * 3.0 / 2.0);
+    assert_eq!(other, -one);
+    assert!((of([1e-6, 0.0])[0] / 0.4e-6 - 1.0).abs() < 1e-5 && of([-0.5, 0.0]) == [0.0; 2]);
+    assert!(of([1e6, 0.0])[0] < 0.4 * 3.0 && of([1e6, 0.0])[0] > 0.399 * 3.0);
+}
+
+#[test]
 fn creep_s_branches_take_the_whole_capacity_and_rest_is_at_equilibrium() {
     alike(BRANCHES.iter().map(|(share, _)| share).sum(), 1.0);
     let (k, gauge, step) = ([0.3, 0.4], [2.0, 0.5], 1e-2);

@@ -83,3 +83,33 @@ fn air_goes_into_solution_by_a_share_per_bar_of_pressure_and_comes_back() {
     // back at ambient pressure it comes out again, and drives oil out
     assert!(flow("trapped_air", &k, [0.0; 2], &x, &mut dx)[0] > 0.0 && dx[0] < 0.0);
 }
+
+/// What slope, bend and closure add to the displacements at these absolute pressures and this angle.
+fn grown(k: [f64; 5], pressure_bar: [f64; 2], angle_rad: f64) -> [f64; 2] {
+    let mut h = HydraulicPort { angle_rad, stored_slope_ml_rad: [0.7, -0.4], ..HydraulicPort::at(1.0, pressure_bar) };
+    h.displacement_ml_rad = [0.0; 2];
+    general("displacement_pressure").act_value(&k, &[], &mut [], &mut Port::Hydraulic(&mut h));
+    h.displacement_ml_rad
+}
+
+#[test]
+fn a_displacement_that_saturates_grows_most_at_its_middle_and_no_further_than_its_bound() {
+    let (slope, q, m) = (0.8, 0.6, 3.5);
+    let of = |p: f64| grown([0.0, slope, 0.0, q, m], [p, 2.5], 0.0);
+    assert_eq!(of(2.5), [0.0; 2], "where eq. (14) is taken to hold");
+    let steepness = |p: f64| (of(p + 1e-4)[0] - of(p - 1e-4)[0]) / 2e-4;
+    alike(steepness(m), slope);
+    for off in [0.5, 1.0, 2.0] {
+        alike(steepness(m + off), steepness(m - off));
+        alike(steepness(m + off), slope * (1.0 - (q * off).tanh().powi(2)));
+    }
+    assert!(steepness(m + 2.0 / q) < 0.1 * slope && of(60.0)[0] < slope * 2.0 / q);
+    // the chambers are each other's mirror image
+    let (k, angle_rad) = ([0.3, slope, 0.5, q, m], 0.2);
+    let (one, other) = (grown(k, [4.0, 1.5], angle_rad), grown(k, [1.5, 4.0], -angle_rad));
+    alike(one[0] - 0.3 * 0.7, -(other[1] + 0.3 * 0.4));
+    alike(one[1] + 0.3 * 0.4, -(other[0] - 0.3 * 0.7));
+    // the series meets the quotient
+    let near = |q: f64| grown([0.0, slope, 0.0, q, 2.5], [3.5, 2.5], 0.0)[0];
+    assert!((near(0.999e-2) - near(1.001e-2)).abs() < 2e-7 && near(1e-3) < near(0.0));
+}

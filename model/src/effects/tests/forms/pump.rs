@@ -6,7 +6,7 @@ use super::*;
 fn warming_is_half_done_after_its_time_constant_where_it_is_a_hyperbola_and_may_be_steady() {
     let slip = |time_s: f64, s: f64| {
         let mut line = line(time_s, 1.0);
-        general("pump_warming").act_value(&[0.4, 60.0, s, 0.0], &[0.7], &mut [0.0], &mut Port::Line(&mut line));
+        general("pump_warming").act_value(&[0.4, 60.0, s, 0.0, 0.0], &[0.7], &mut [0.0], &mut Port::Line(&mut line));
         -line.flow_ml_s
     };
     alike(slip(60.0, 1.0), 0.2);
@@ -27,7 +27,7 @@ fn warming_is_half_done_after_its_time_constant_where_it_is_a_hyperbola_and_may_
 
 #[test]
 fn warming_by_what_the_pump_does_goes_with_the_square_of_its_voltage_and_remembers_what_it_did() {
-    let k = [0.4, 60.0, 0.0, 1.0];
+    let k = [0.4, 60.0, 0.0, 1.0, 0.0];
     let form = general("pump_warming");
     // state and slip at 1 bar after each of these in turn, in steps of 5 ms from cold
     let run = |ran: &[Ran]| {
@@ -62,6 +62,28 @@ fn warming_by_what_the_pump_does_goes_with_the_square_of_its_voltage_and_remembe
     let mut x = [f64::NAN];
     form.rest_value(&k, &rest, &mut x);
     alike(x[0], run(&history).0);
+}
+
+#[test]
+fn oil_that_thins_exponentially_slips_the_more_the_warmer_it_is_and_alike_at_first() {
+    // after ten hours by running, W = 1, and by its losses, W = x
+    let slip = |c: f64, w: f64, x: f64| {
+        let mut line = line(36_000.0, 1.0);
+        general("pump_warming").act_value(&[0.4, 60.0, 0.0, w, c], &[x], &mut [0.0], &mut Port::Line(&mut line));
+        -line.flow_ml_s
+    };
+    for (w, x, warmth) in [(0.0, 0.3, 1.0), (1.0, 0.3, 0.3), (1.0, 2.0, 2.0), (0.5, 2.0, 1.5)] {
+        alike(slip(0.0, w, x), 0.4 * warmth);
+        for c in [-1.0f64, 0.4, 2.0] {
+            alike(slip(c, w, x), 0.4 * ((c * warmth).exp() - 1.0) / c);
+            assert!(slip(c, w, x) > 0.0 && (slip(c, w, x) > slip(0.0, w, x)) == (c > 0.0), "it is passive");
+        }
+        // the series meets the quotient
+        let near = |c: f64| slip(c, w, x) / slip(0.0, w, x);
+        assert!((near(0.999e-3 / warmth) - near(1.001e-3 / warmth)).abs() < 2e-6);
+        assert!(near(1e-4) > 1.0 && (near(1e-4) - 1.0) < 1.1e-4 * warmth);
+    }
+    assert_eq!(slip(2.0, 1.0, 0.0), 0.0, "cold");
 }
 
 /// Steps the pump's voltage from 0 to `volts`: the voltage that the pump sees after each 0.1 ms.
