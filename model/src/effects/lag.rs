@@ -6,6 +6,16 @@ use crate::scalar::Scalar;
 /// of a millisecond, and its state would be stiff.
 pub(super) const SHORTEST_S: f64 = 1e-3;
 
+/// A lag of none passes its input on, whatever its state does: that follows within so many times [`SHORTEST_S`], so that no step of an integration need be
+/// shorter for it. Towards the shortest lag that is one it follows as that does.
+const IDLE: f64 = 5.0;
+
+/// The time in which the state of a lag of `tau_s` follows, where that is at most `shortest_s` and thus blended into none.
+#[inline(always)]
+fn idle<S: Scalar>(tau_s: S, shortest_s: S) -> S {
+    shortest_s * IDLE - tau_s * (IDLE - 1.0)
+}
+
 /// A lag of `tau_s` between `input` and what is passed on, with `state` as its memory: (derivative of the state, what is
 /// passed on). At `tau_s` = 0 it passes the input on exactly; derivatives by `tau_s` exist there too.
 #[inline(always)]
@@ -13,8 +23,9 @@ pub(super) fn first_order<S: Scalar>(tau_s: S, input: S, state: S) -> (S, S) {
     if tau_s.value() > SHORTEST_S {
         ((input - state) / tau_s, state)
     } else {
-        // to first order in tau: the state follows within SHORTEST_S, and tau/SHORTEST_S of its distance is passed on
-        ((input - state) / SHORTEST_S, input + (state - input) * (tau_s / SHORTEST_S))
+        // to first order in tau: the state follows within some time, and tau over that of its distance is passed on
+        let follows_s = idle(tau_s, S::constant(SHORTEST_S));
+        ((input - state) / follows_s, input + (state - input) * (tau_s / follows_s))
     }
 }
 
@@ -31,7 +42,8 @@ pub(super) fn second_order<S: Scalar>(tau_s: S, memory_s: S, input: S, state: [S
     if tau_s.value() > least.value() {
         ([drive / tau_s, rate], y)
     } else {
-        ([drive / least, rate], input + (y - input) * (tau_s / least))
+        let follows_s = idle(tau_s, least);
+        ([drive / follows_s, rate], input + (y - input) * (tau_s / follows_s))
     }
 }
 
@@ -74,13 +86,33 @@ mod tests {
     }
 
     #[test]
+    fn a_lag_of_less_than_a_millisecond_shows_a_ramp_as_late_as_it_is_and_its_state_need_not_hurry() {
+        for tau in [0.0, 1e-4, 5e-4, 0.999e-3, 1e-3, 1.001e-3, 4e-3] {
+            let (mut state, mut shown, step) = (0.0, 0.0, 1e-5);
+            for n in 0..10_000 {
+                let (rate, passed) = first_order(tau, step * f64::from(n), state);
+                assert!(rate.abs() < 1.001, "{tau} s: {rate}");
+                (state, shown) = (state + step * rate, passed);
+            }
+            assert!((step * 9_999.0 - shown - tau).abs() < 2e-5, "{tau} s: {shown}");
+            let decay = -(first_order(tau, 0.0, 1.0).0 - first_order(tau, 0.0, 0.0).0);
+            assert!(decay * SHORTEST_S < 1.001 && (tau > 0.0 || decay * SHORTEST_S < 0.201), "{tau} s: {decay} 1/s");
+        }
+        // the one meets the other
+        let [below, above] = [0.999_999e-3, 1.000_001e-3].map(|tau: f64| first_order(tau, 1.0, 0.3));
+        assert!((below.0 / above.0 - 1.0).abs() < 1e-4 && (below.1 - above.1).abs() < 1e-4, "{below:?} {above:?}");
+    }
+
+    #[test]
     fn a_memory_of_twice_the_lag_or_less_leaves_the_least_lag_as_it_is() {
         for tau in [0.0, 3e-4, 0.9e-3, 1e-3, 1.2e-3, 0.05] {
             for share in [0.0, 0.25, 1.0, 2.0] {
                 let ([rate, _], passed) = second_order(tau, share * tau, 1.0, [0.4, 0.2]);
                 let (_, drive) = first_order(share * tau, 0.6, 0.2);
-                let expected = if tau > SHORTEST_S { 0.4 } else { 1.0 - 0.6 * (tau / SHORTEST_S) };
-                assert_eq!((rate, passed), (drive / tau.max(SHORTEST_S), expected), "{tau} s, {share}");
+                let follows_s = if tau > SHORTEST_S { tau } else { 5.0 * SHORTEST_S - 4.0 * tau };
+                let expected = if tau > SHORTEST_S { 0.4 } else { 1.0 - 0.6 * (tau / follows_s) };
+                assert!((rate - drive / follows_s).abs() < 1e-9 * rate.abs(), "{tau} s, {share}: {rate}");
+                assert!((passed - expected).abs() < 1e-12, "{tau} s, {share}: {passed}");
             }
         }
     }
