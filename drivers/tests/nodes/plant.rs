@@ -1,12 +1,12 @@
 //! The plant between two SYNCs, in virtual time.
 
-use super::rig::{FREE, MS, NODE_TIMEOUT_NS, in_process, plant, preparation};
+use super::rig::{FREE, MS, in_process, plant, preparation};
 use drivers::EmulatedRig;
 use drivers::nodes::exchange::{Answer, Counter, News, Sync};
 use drivers::nodes::plant::Plant;
 use drivers::wired::Preparation;
 use proptest::prelude::*;
-use rt_core::{Command, Device, Fixture, Input, Measurement, SafeState, Tick};
+use rt_core::{Command, Device, Fixture, Input, Measurement, Tick};
 
 const MODULUS: u64 = 1 << 16;
 
