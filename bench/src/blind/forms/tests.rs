@@ -220,7 +220,9 @@ fn losses_warm_either_way_and_what_was_done_before_the_rest_counts() {
     assert_eq!(rates(0.0, -15.0), rates(0.0, 15.0));
     alike(rates(0.0, 30.0).0, 4.0 / 20.0);
     alike(rates(1.0, 15.0).0, 0.0);
-    alike(rates(1.0, 15.0).1, 0.4 * (1f64.exp() - 1.0));
+    alike(rates(1.0, 15.0).1, 0.4 * ((1.0f64 / 1.2).exp() - 1.0));
+    // however warm it is, oil thins by no more than exp(5)
+    assert!(rates(1e6, 15.0).1 < 0.4 * 5f64.exp() && rates(50.0, 15.0).1 > 0.4 * 4.5f64.exp());
     let history = [Ran { for_s: 20.0, voltage_v: 15.0 }, Ran { for_s: 40.0, voltage_v: 0.0 }];
     let mut x = [f64::NAN];
     PumpWarmingByLosses.rest(&k, &Rest { ran: &history, ..still([2.0; 2]) }, &mut x);
