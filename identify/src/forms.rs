@@ -1,9 +1,19 @@
 //! More general forms of effects. A name is the claim; how its effect goes with pressure, speed, depth or time differs from rig to rig, and where the
 //! library's form leaves more than noise a general one may tell.
 
+use model::effects::Effect;
+
 use crate::fit::{Effort, Fit, fit};
 use crate::layout::Layout;
 use crate::problem::{Point, Problem};
+
+/// Which form an effect has: its id, and how many parameters. A general form has the id of the library's and more of them.
+pub(crate) type Form = (&'static str, usize);
+
+/// The form of an effect.
+pub(crate) fn form_of(effect: &'static dyn Effect) -> Form {
+    (effect.header().id, effect.header().parameters.len())
+}
 
 /// Share of the cost that a general form leaves at most where it is to be taken without a further judge.
 pub const CLEARLY: f64 = 0.98;

@@ -9,6 +9,7 @@ use std::sync::{Mutex, PoisonError};
 use model::effects::{Effect, empirical};
 
 use crate::fit::{Effort, Fit, fit};
+use crate::forms::{Form, form_of};
 use crate::guide::Guide;
 use crate::layout::Layout;
 use crate::problem::{Point, Problem};
@@ -24,13 +25,6 @@ pub struct Guided {
     unbent: Point,
     /// First steps of the effects that were asked for: who takes away much is led on from there.
     stepped: Mutex<BTreeMap<Form, Option<FirstSteps>>>,
-}
-
-/// The form of an effect: its id, and how many parameters it has.
-type Form = (&'static str, usize);
-
-fn form_of(effect: &'static dyn Effect) -> Form {
-    (effect.header().id, effect.header().parameters.len())
 }
 
 /// A few steps from the best starts at each place, and the other starts with what they cost.

@@ -3,6 +3,7 @@
 use model::effects::Effect;
 
 use crate::fit::{Effort, Fit, fit};
+use crate::forms::form_of;
 use crate::guided::Guided;
 use crate::problem::{Point, Problem};
 use crate::score::{Direction, Scene};
@@ -130,10 +131,9 @@ pub fn refit(
 fn in_leading_form<'d>(
     added: &[(&'static dyn Effect, Vec<&'d Direction>)],
 ) -> Vec<(&'static dyn Effect, Vec<&'d Direction>)> {
-    let parameters = |effect: &'static dyn Effect| effect.header().parameters.len();
     let each = added.iter().map(|(effect, directions)| {
         let form = directions.first().map_or(*effect, |d| d.effect);
-        let own = directions.iter().copied().filter(|d| parameters(d.effect) == parameters(form));
+        let own = directions.iter().copied().filter(|d| form_of(d.effect) == form_of(form));
         (form, own.collect())
     });
     each.collect()

@@ -201,10 +201,15 @@ impl<'a> Search<'a> {
             }
             return Ok(None);
         }
-        let alone = better_half(&refits);
+        let (alone, ranked_before) = (better_half(&refits), found.ranking.clone());
         let mut accepted = self.best_of(found, round, refits)?;
         if let Some(alone) = alone.filter(|alone| accepted.is_none() && leads(&alone[0])) {
+            // the ranking is that of what is accepted
+            let of_two = std::mem::replace(&mut found.ranking, ranked_before);
             accepted = self.best_of(found, round, alone)?;
+            if accepted.is_none() {
+                found.ranking = of_two;
+            }
         }
         match accepted {
             Some(accepted) => self.completed(found, &last, accepted),

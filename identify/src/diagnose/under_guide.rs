@@ -61,8 +61,7 @@ impl Search<'_> {
                 return Ok(shortlist);
             }
             let led = UnderGuide::led(guided, &shortlist);
-            // who leads nowhere, here nor in free run, linearly nor in steps, is not what is missing
-            return Ok(if led.takes_most() || !led.leads() { led.narrow(shortlist, in_free_run) } else { shortlist });
+            return Ok(if led.is_clear() { led.narrow(shortlist, in_free_run) } else { shortlist });
         }
         if !under.leads() {
             // friction of another kind than the model's acts as no little of it would
@@ -141,6 +140,11 @@ impl UnderGuide {
     /// What is missing shows, and no candidate takes away a good part of it: of two effects the better one does about half.
     pub fn leads_nobody(&self) -> bool {
         self.shows && self.best() < LOST
+    }
+
+    /// It is clear who is out of question: all but the likes of one that takes away most, or all where nobody leads.
+    fn is_clear(&self) -> bool {
+        self.takes_most() || !self.leads()
     }
 
     /// A candidate takes away most of what is missing.
@@ -247,6 +251,9 @@ mod tests {
         assert_eq!(ids(&u.joined(shortlist)), ["tilt", "end_stop+pump_lag", "stribeck_friction"]);
         assert!(!u.rules_out(effects(&["pump_lag"])[0]));
         assert!(!u.leads_nobody() && !under(&[("tilt", 0.4)]).leads_nobody() && under(&[("tilt", 0.3)]).leads_nobody());
+        let led = |share: f64| UnderGuide { led: true, ..under(&[("stribeck_friction", share), ("tilt", 0.01)]) };
+        assert!(led(0.6).is_clear() && !led(0.3).is_clear() && led(0.05).is_clear(), "one, perhaps, nobody");
+        assert!(led(0.05).narrow(vec![effects(&["tilt"])], 0.05).is_empty(), "so nobody is refitted");
         let hidden = UnderGuide { shows: false, ..under(&[("tilt", 0.02)]) };
         assert!(!hidden.leads_nobody(), "it would not show");
     }
