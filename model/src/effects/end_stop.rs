@@ -97,7 +97,7 @@ impl Law for Progressive {
             Parameter { name: "n", unit: "1", lower: 0.8, upper: 30.0, typical: 1.5, size: false },
             Parameter { name: "e", unit: "deg", lower: -15.0, upper: 15.0, typical: 2.0, size: false },
             Parameter { name: "c", unit: "s/rad", lower: 0.0, upper: 5.0, typical: 0.3, size: false },
-            Parameter { name: "b", unit: "rad", lower: 0.003, upper: 0.5, typical: 0.02, size: false },
+            Parameter { name: "b", unit: "rad", lower: 0.0005, upper: 0.5, typical: 0.02, size: false },
         ],
         starts: &[
             &[5.0, 5.0, 24.0, 2.0, 0.0, 0.0, 0.01],

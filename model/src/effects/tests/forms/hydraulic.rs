@@ -5,13 +5,13 @@ use super::*;
 #[test]
 fn a_leak_goes_with_its_power_of_pressure_and_what_leaves_one_chamber_enters_the_other() {
     for m in [0.5, 0.7, 1.0] {
-        let cross = |dp: f64| flow("cross_leakage", &[0.3, 1e-3, m, 2.0], [2.0 + dp, 2.0], &[], &mut []);
+        let cross = |dp: f64| flow("cross_leakage", &[0.3, 1e-3, m, 2.0, 0.0], [2.0 + dp, 2.0], &[], &mut []);
         let [out, into] = cross(1.0);
         assert_eq!(out, -into);
         alike(out, -0.3);
         alike(cross(2.0)[0] / out, 2f64.powf(m));
         alike(cross(-1.0)[0], -out);
-        let outside = |p: f64| flow("external_leakage", &[0.2, 0.05, m, 1e-3, 2.0], [p, 1.0], &[], &mut []);
+        let outside = |p: f64| flow("external_leakage", &[0.2, 0.05, m, 1e-3, 2.0, 0.0], [p, 1.0], &[], &mut []);
         alike(outside(1.0)[0], -0.2);
         alike(outside(1.0)[1], -0.05);
         alike(outside(4.0)[0] / outside(1.0)[0], 4f64.powf(m));
@@ -21,8 +21,8 @@ fn a_leak_goes_with_its_power_of_pressure_and_what_leaves_one_chamber_enters_the
 
 #[test]
 fn a_leak_is_laminar_far_below_its_transition_and_the_more_gradual_the_smaller_s_is() {
-    let cross = |dp: f64, s: f64| -flow("cross_leakage", &[0.3, 0.1, 0.5, s], [2.0 + dp, 2.0], &[], &mut [])[0];
-    let outside = |g: f64, s: f64| -flow("external_leakage", &[0.3, 0.0, 0.5, 0.1, s], [g, 0.0], &[], &mut [])[0];
+    let cross = |dp: f64, s: f64| -flow("cross_leakage", &[0.3, 0.1, 0.5, s, 0.0], [2.0 + dp, 2.0], &[], &mut [])[0];
+    let outside = |g: f64, s: f64| -flow("external_leakage", &[0.3, 0.0, 0.5, 0.1, s, 0.0], [g, 0.0], &[], &mut [])[0];
     for through in [&cross as &dyn Fn(f64, f64) -> f64, &outside] {
         for s in [0.7, 1.0, 2.0] {
             alike(through(1e-6, s) / through(5e-7, s), 2.0);
@@ -30,6 +30,17 @@ fn a_leak_is_laminar_far_below_its_transition_and_the_more_gradual_the_smaller_s
         }
         assert!(through(0.1, 0.7) < through(0.1, 1.0) && through(0.1, 1.0) < through(0.1, 2.0));
     }
+}
+
+#[test]
+fn a_lip_lets_nothing_pass_below_its_cracking_pressure_and_what_is_beyond_it_passes_as_through_a_gap() {
+    let outside = |g: f64| -flow("external_leakage", &[0.2, 0.0, 1.0, 0.01, 2.0, 1.5], [g, 0.0], &[], &mut [])[0];
+    assert_eq!((outside(0.0), outside(1.4)), (0.0, 0.0));
+    alike(outside(3.5), 0.2 * 2.0);
+    let cross = |dp: f64| -flow("cross_leakage", &[0.2, 0.01, 1.0, 2.0, 0.5], [2.0 + dp, 2.0], &[], &mut [])[0];
+    assert_eq!((cross(0.4), cross(-0.4)), (0.0, 0.0));
+    alike(cross(1.5), 0.2);
+    alike(cross(-1.5), -0.2);
 }
 
 #[test]
