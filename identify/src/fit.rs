@@ -92,6 +92,9 @@ pub fn fit_from(
     let before = point.theta.clone();
     clip(&mut point.theta, &bounds);
     let mut known = known.filter(|_| point.theta == before);
+    if known.is_none() && effort.iterations > 0 {
+        known = Some(problem.linearise(layout, &point)?);
+    }
     let mut cost = match &known {
         Some(pieces) => problem.cost_of_pieces(pieces, &point),
         None => problem.cost_of(&problem.residuals(layout, &point)?, &point),

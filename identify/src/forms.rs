@@ -38,24 +38,22 @@ pub fn refined(problem: &Problem, found: Fit, added: &[&str], followed: usize, e
         let Some(form) = form else { continue };
         let own = best.layout.first_of(n)..best.layout.first_of(n + 1);
         let plain = &best.point.theta[own];
-        let at = |values: Vec<f64>| {
-            let (layout, point) = with_form(&best, n, &values);
-            (problem.cost(&layout, &point), layout, point)
+        let Some((layout, _)) = form.all_starts(plain).first().map(|values| with_form(&best, n, values)) else {
+            continue;
         };
+        let at = |values: &Vec<f64>| with_form(&best, n, values).1;
         // from the form that was found, and from those that such effects have
-        let mut costly: Vec<(f64, Layout, Point)> = form.all_starts(plain).into_iter().map(at).collect();
-        costly.retain(|(cost, ..)| cost.is_finite());
-        costly.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let most = costly.first().map_or(0.0, |(cost, ..)| FURTHER * cost);
-        let few = costly.into_iter().take(followed).filter(|(cost, ..)| *cost <= most);
-        let led = |(_, layout, point): (f64, Layout, Point)| fit(problem, &layout, point, FEW).ok();
+        let starts = problem.cheapest(&layout, form.all_starts(plain).iter().map(at), followed);
+        let most = starts.first().map_or(0.0, |(cost, _)| FURTHER * cost);
+        let few = starts.into_iter().filter(|(cost, _)| *cost <= most);
+        let led = |(_, point): (f64, Point)| fit(problem, &layout, point, FEW).ok();
         let lowest = few.filter_map(led).min_by(|a, b| a.cost.total_cmp(&b.cost));
         let ended = |led: Fit| fit(problem, &led.layout, led.point, effort).ok();
         let taken = |general: &Fit| general.cost < better * best.cost && general.are_themselves();
         let general = lowest.filter(|led| led.cost < BEHIND * best.cost).and_then(ended).filter(taken);
         // where no start comes down
         let general = general.or_else(|| {
-            let beside = form.beside(plain).into_iter().map(at).min_by(|a, b| a.0.total_cmp(&b.0));
+            let beside = problem.cheapest(&layout, form.beside(plain).iter().map(at), 1).pop();
             let led = beside.and_then(led).filter(|led| led.cost < best.cost);
             led.and_then(ended).filter(taken)
         });

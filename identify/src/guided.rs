@@ -236,7 +236,7 @@ impl Guided {
         Some((lowest, starts.concat()))
     }
 
-    /// Starts of an effect, as `place` puts them, by what they cost under the tightest guide, the best first.
+    /// Starts of an effect that may be led from, as `place` puts them, by what they cost under the tightest guide, the best first.
     fn starts(
         &self,
         layout: &Layout,
@@ -251,10 +251,8 @@ impl Guided {
         } else {
             header.starts.iter().flat_map(|s| SIZES.map(|size| header.scaled(s, size))).collect()
         };
-        let costly = each.into_iter().filter_map(place).map(|point| (tight.cost(layout, &point), point));
-        let mut out: Vec<(f64, Point)> = costly.filter(|(cost, _)| cost.is_finite()).collect();
-        out.sort_by(|a, b| a.0.total_cmp(&b.0));
-        out
+        // beside the first ones no more are led
+        tight.cheapest(layout, each.into_iter().filter_map(place), FIRST[0] + MORE)
     }
 
     fn let_go_from(&self, tight: Fit) -> Option<Fit> {

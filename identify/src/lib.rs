@@ -48,6 +48,7 @@ pub mod shapes;
 pub mod significance;
 pub mod simplify;
 pub mod smoothing;
+mod starts;
 pub mod strokes;
 pub mod surrogate;
 pub mod torque_form;

@@ -61,10 +61,7 @@ pub fn refit(
         layout.effects.push(*effect);
     }
     let starts = starts(added);
-    let cheapest = |problem: &Problem, points: Vec<Point>| {
-        let costly = points.into_iter().map(|point| (problem.cost(&layout, &point), point));
-        costly.filter(|(cost, _)| cost.is_finite()).min_by(|a, b| a.0.total_cmp(&b.0))
-    };
+    let cheapest = |problem: &Problem, points: Vec<Point>| problem.cheapest(&layout, points, 1).pop();
     let at_current = |size: f64| {
         let each = starts.iter().flat_map(|start| {
             let values = sized(added, start, size);

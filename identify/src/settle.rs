@@ -31,7 +31,7 @@ impl Problem {
     }
 
     /// A stretch's part of the cost; infinite where it can't be simulated.
-    fn cost_of_stretch(&self, n: usize, layout: &Layout, theta: &[f64], initial: &Initial) -> f64 {
+    pub(crate) fn cost_of_stretch(&self, n: usize, layout: &Layout, theta: &[f64], initial: &Initial) -> f64 {
         let residual = self.residual_of(n, layout, theta, initial);
         let cost = residual.map_or(f64::INFINITY, |residual| self.cost_with(n, &residual, initial));
         if cost.is_finite() { cost } else { f64::INFINITY }

@@ -36,7 +36,7 @@ const STEP_GLIDING_S: f64 = 5e-3;
 /// Longest step where it is led, s.
 const STEP_LED_S: f64 = 1e-2;
 /// Longest step where it is clamped, or where the pressures are known as well, s, unless something there is faster than a step where it is led.
-const STEP_CLAMPED_S: f64 = 5e-2;
+const STEP_CLAMPED_S: f64 = 1e-1;
 
 /// One simulation of a stretch: the state, and what the sensors' effects shift the inputs by.
 struct Run<'a> {
@@ -95,9 +95,9 @@ impl<'a> Run<'a> {
         run
     }
 
-    /// The input that acts from row `i` on for `dt` seconds.
-    fn input(&self, i: usize, dt: f64) -> Input {
-        let input = self.stretch.input(i, dt);
+    /// The input that leads from row `i` to a later one.
+    fn input(&self, i: usize, to: usize) -> Input {
+        let input = self.stretch.input_to(i, to);
         if self.carried { Input { lever: Lever::Carried, ..input } } else { input }
     }
 
@@ -109,7 +109,7 @@ impl<'a> Run<'a> {
     /// Advances from row `i` to row `to`, between which nothing but the state changes.
     fn advance(&mut self, i: usize, to: usize) -> Result<(), SimulationError> {
         let dt = self.length(i, to);
-        let (input, t) = (self.input(i, dt), self.stretch.time_s[i]);
+        let (input, t) = (self.input(i, to), self.stretch.time_s[i]);
         self.integrator.advance_along(&mut self.trail, &input, self.k, self.effects, t, dt, &mut self.x)
     }
 
@@ -122,7 +122,7 @@ impl<'a> Run<'a> {
         mut piece: impl FnMut(&Input, f64, f64, &[f64]),
     ) -> Result<(), SimulationError> {
         let dt = self.length(i, to);
-        let input = self.input(i, dt);
+        let input = self.input(i, to);
         let t = self.stretch.time_s[i];
         let (k, effects) = (self.k, self.effects);
         self.integrator.advance_by_pieces(&input, k, effects, t, dt, &mut self.x, |t, dt, x| piece(&input, t, dt, x))
@@ -161,7 +161,7 @@ impl<'a> Run<'a> {
 
     fn standing_input(&self, i: usize) -> Input {
         let i = i.min(self.stretch.rows() - 2);
-        self.input(i, self.length(i, i + 1))
+        self.input(i, i + 1)
     }
 }
 
@@ -187,7 +187,7 @@ pub fn predict(
     let mut run = Run::start(stretch, &k, &effects, initial);
     let mut means = Means::new();
     let mut out = Vec::with_capacity(stretch.targets.len());
-    let stops = stops(stretch);
+    let stops = stops(stretch, effects.touches(PortKind::Sensor));
     for (n, stop) in stops.iter().enumerate() {
         let (i, next) = (stop.row, stops.get(n + 1).map(|next| next.row));
         run.impose(i, next);
@@ -253,7 +253,7 @@ pub fn linearise(
     let mut slope = vec![0.0; stretch.targets.len() * all];
     let mut next_target = 0;
     let shifted = effects.touches(PortKind::Sensor);
-    let stops = stops(stretch);
+    let stops = stops(stretch, shifted);
     for (n, stop) in stops.iter().enumerate() {
         let (i, next) = (stop.row, stops.get(n + 1).map(|next| next.row));
         run.impose(i, next);

@@ -178,9 +178,18 @@ impl Stretch {
         if self.stand == Stand::Bench { Input { voltage_v: 0.0, ..input } } else { input }
     }
 
-    /// The input that acts from row `i` on for `dt` seconds.
+    /// The input that acts from row `i` on for `dt` seconds, to the next row.
     pub fn input(&self, i: usize, dt: f64) -> Input {
-        let velocity = |series: &[f64]| if i + 1 < series.len() { (series[i + 1] - series[i]) / dt } else { 0.0 };
+        self.input_over(i, i + 1, dt)
+    }
+
+    /// The input that leads from row `i` to a later one, between which it goes on as it does.
+    pub fn input_to(&self, i: usize, to: usize) -> Input {
+        self.input_over(i, to, self.time_s[to] - self.time_s[i])
+    }
+
+    fn input_over(&self, i: usize, to: usize, dt: f64) -> Input {
+        let velocity = |series: &[f64]| if to < series.len() { (series[to] - series[i]) / dt } else { 0.0 };
         let lever = match self.stand {
             Stand::Free => Lever::Free,
             Stand::Bench => Lever::Led { velocity_rad_s: 0.0 },
