@@ -58,7 +58,8 @@ pub fn refined(problem: &Problem, found: Fit, added: &[&str], followed: usize, e
             led.and_then(ended).filter(taken)
         });
         if let Some(general) = general {
-            tracing::debug!(id = form.effect.header().id, from = best.cost, to = general.cost, "general form");
+            let values = general.values_of(n);
+            tracing::debug!(id = form.effect.header().id, ?values, from = best.cost, to = general.cost, "general form");
             best = general;
         }
     }

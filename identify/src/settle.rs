@@ -11,7 +11,7 @@ use crate::normal::Normal;
 use crate::predict::Initial;
 use crate::problem::{Piece, Point, Problem};
 
-/// Shares of the step of a stretch's initial values (their own, and what follows from the parameters' step) that are tried where none of it is better than all of it.
+/// Shares of the step of a stretch's initial values (their own, and what follows from the parameters' step) that are tried where none of it is better than all.
 const SHARES: [f64; 4] = [0.5, 0.25, 0.125, 0.03125];
 
 impl Problem {
@@ -38,7 +38,8 @@ impl Problem {
     }
 
     /// `trial`, a step from `from`, with shorter steps of those stretches' initial values that have spoilt it: whose whole step has promised more than
-    /// `worth` and made the stretch's cost larger than it was (`before`), `whole`, and a shorter one of which makes it less. `None` where there is none.
+    /// `worth` and made the stretch's cost larger than it was (`before`), `whole`, and a shorter one of which, or none, makes less of it. `None` where the
+    /// trial costs no less than `from` even so.
     pub(crate) fn settled(
         &self,
         layout: &Layout,
@@ -49,7 +50,7 @@ impl Problem {
     ) -> Option<Point> {
         let own = |n: usize, initial: &Initial| self.cost_of_stretch(n, layout, &trial.theta, initial);
         let promised = normal.promised_by_initial();
-        let shorter: Vec<(usize, Initial)> = (0..self.stretches.len())
+        let shorter: Vec<(usize, f64, Initial)> = (0..self.stretches.len())
             .into_par_iter()
             .filter(|&n| promised[n] > worth && whole[n] > before[n])
             .filter_map(|n| {
@@ -65,17 +66,16 @@ impl Problem {
                         best = (cost, part);
                     }
                 }
-                (best.0 < before[n]).then_some((n, best.1))
+                Some((n, best.0, best.1))
             })
             .collect();
-        if shorter.is_empty() {
-            return None;
-        }
+        let mut costs = whole.to_vec();
         let mut out = trial.clone();
-        for (n, initial) in shorter {
+        for (n, cost, initial) in shorter {
+            costs[n] = cost;
             out.initial[n] = initial;
         }
-        Some(out)
+        (costs.iter().sum::<f64>() < before.iter().sum()).then_some(out)
     }
 }
 
@@ -91,7 +91,7 @@ mod tests {
     use crate::prepare::{Stand, Stretch, stretches};
 
     /// A clamped lever at rest, the chambers joined through the open bypass.
-    fn joined(truth: &Parameters) -> Stretch {
+    fn joined(truth: &Parameters, unexplained_nm: f64) -> Stretch {
         const PRESSURE_BAR: f64 = 3.0;
         let effects = EffectSet::new(STATES, []);
         let mut x = vec![0.0; STATES];
@@ -107,7 +107,7 @@ mod tests {
             r.angle_deg.push(x[state::ANGLE].to_degrees());
             r.pressure1_bar.push(PRESSURE_BAR);
             r.pressure2_bar.push(PRESSURE_BAR);
-            r.torque_nm.push(torque_nm);
+            r.torque_nm.push(torque_nm + unexplained_nm);
             r.volume_ml.push(f64::NAN);
             r.brake_open.push(brake_open);
             r.bypass_open.push(bypass_open);
@@ -118,20 +118,35 @@ mod tests {
         cut.remove(0)
     }
 
-    #[test]
-    fn one_stretch_whose_pressures_level_out_holds_up_no_fit() {
+    /// Cost a target of a fit from 2 % beside the truth, over a run and a stretch whose pressures level out from where they are not, and whose torque is off by
+    /// so much: of the run, and of all.
+    fn fitted(unexplained_nm: f64, effort: Effort) -> (f64, f64) {
         let truth = Parameters::example();
         let mut problem = problem(&[dynamic(&truth, None, 12.0, 7)]);
-        problem.stretches.push(joined(&truth));
+        problem.stretches.push(joined(&truth, unexplained_nm));
         problem.std.push(problem.std[0].clone());
         problem.steps.push(problem.steps[0].clone());
         let layout = layout(&truth);
         let mut start = problem.point(layout.vector_of(&truth));
         start.theta[1] *= 1.02;
         *start.initial.last_mut().unwrap() = vec![0.0, 0.11, -0.22];
+        let fit = fit(&problem, &layout, start, effort).unwrap();
+        let by_stretch = problem.cost_by_stretch_at(&fit.layout, &fit.point);
+        let run: f64 = by_stretch[..by_stretch.len() - 1].iter().sum();
+        let own = problem.stretches.last().unwrap().targets.len();
+        (run / (problem.targets() - own) as f64, fit.cost / problem.targets() as f64)
+    }
+
+    #[test]
+    fn one_stretch_whose_pressures_level_out_holds_up_no_fit() {
         for effort in [Effort::default(), crate::identification::polish()] {
-            let fit = fit(&problem, &layout, start.clone(), effort).unwrap();
-            assert!(fit.cost < 1.1 * problem.targets() as f64, "{} of {}", fit.cost, problem.targets());
+            let (run, all) = fitted(0.0, effort);
+            assert!(all < 1.1 && run < 1.1, "{run} and {all}");
+            // nor where something is missing that its initial values can't take up
+            for unexplained_nm in [-0.3, -0.03, 0.03, 0.3] {
+                let (run, all) = fitted(unexplained_nm, effort);
+                assert!(run < 1.2, "{unexplained_nm} Nm: {run} and {all}");
+            }
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Refits of a round's candidates, in heats, with the general forms and other shapes of the best.
 
-use model::effects::Effect;
+use model::effects::{Effect, empirical};
 use model::integrate::SimulationError;
 
 use super::MATERIAL;
@@ -73,7 +73,7 @@ pub(super) fn refit_all(
             if !r.fit.converged
                 && place < heat.most
                 && keeps_up
-                && let Ok(fit) = crate::fit::fit(problem, &r.fit.layout, r.fit.point.clone(), heat.effort())
+                && let Ok(fit) = crate::fit::fit(problem, &r.fit.layout, r.fit.point.clone(), heat.effort_for(&r.fit))
             {
                 r.fit = fit;
             }
@@ -151,7 +151,17 @@ impl Heat {
     pub fn effort(&self) -> Effort {
         Effort { iterations: self.iterations, tolerance: self.tolerance, creep: CREEP, ..Effort::default() }
     }
+
+    /// Of terms without a name, which are many, their curve and their balance are asked for, and no value to the last digit.
+    fn effort_for(&self, fit: &Fit) -> Effort {
+        let nameless = fit.layout.effects.last().is_some_and(|e| empirical::is_nameless(*e));
+        let tolerance = if nameless { self.tolerance.max(TERMS) } else { self.tolerance };
+        Effort { tolerance, ..self.effort() }
+    }
 }
+
+/// Relative decrease of the cost below which terms without a name are where they are looked for.
+const TERMS: f64 = 1e-3;
 
 /// A gross effect that is bent into place needs many steps, so a heat is generous in what it lets pass.
 const HEATS: [Heat; 4] = [
