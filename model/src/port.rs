@@ -207,6 +207,8 @@ pub enum Arrival<'a> {
     /// It was led there and is held. Turning points of the way, rad, in their order, the last one where it stands; fewer than two: no way is
     /// known.
     Led(&'a [f64]),
+    /// It was led there on a way that is not known, and what the clamp holds was measured: the walls hold the rest of the torque that is left.
+    Held,
 }
 
 /// For how long the pump has run at which voltage.
@@ -223,6 +225,8 @@ pub struct Ran {
 pub struct Before<'a> {
     /// Turning points of the way on which a led lever came to its angle ([`Arrival::Led`]), rad.
     pub way_rad: &'a [f64],
+    /// Torque that the clamp of a led lever holds, Nm, where its way is not known ([`Arrival::Held`]).
+    pub held_nm: Option<f64>,
     /// What the pump has done since the run's start, in order.
     pub ran: &'a [Ran],
 }
@@ -239,7 +243,7 @@ pub struct Rest<'a, S> {
     pub pressure_bar: [S; 2],
     /// Torque of the chambers on the lever by the base model, Nm.
     pub actuator_torque_nm: S,
-    /// Torque that is not balanced by the base model at rest (friction must hold it), Nm.
+    /// Torque that is balanced neither by the base model at rest nor by a clamp ([`Arrival::Held`]): friction or walls must hold it, Nm.
     pub torque_nm: S,
     /// Voltage, V.
     pub voltage_v: f64,

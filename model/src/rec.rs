@@ -350,9 +350,13 @@ pub fn rest_states_after<S: Scalar>(before: Before, input: &Input, k: &[S], effe
     if input.vertical {
         torque_nm -= k[G] * angle.sin();
     }
-    let arrival = match input.lever {
-        Lever::Free => Arrival::Free,
-        Lever::Led { .. } | Lever::Carried => Arrival::Led(before.way_rad),
+    let arrival = match (input.lever, before.held_nm) {
+        (Lever::Free, _) => Arrival::Free,
+        (Lever::Led { .. } | Lever::Carried, None) => Arrival::Led(before.way_rad),
+        (Lever::Led { .. } | Lever::Carried, Some(held_nm)) => {
+            torque_nm = torque_nm - held_nm;
+            Arrival::Held
+        }
     };
     let rest = Rest {
         arrival,

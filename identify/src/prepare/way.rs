@@ -2,6 +2,9 @@
 
 use recordings::Recording;
 
+use super::Stretch;
+use crate::noise::mean;
+
 /// A reversal of less is none, degrees: far below the way on which any hysteresis forgets.
 const LEAST_DEG: f64 = 0.1;
 /// A lever led faster than this from a row to the next was not led but set: the recording has a gap there. Degrees, and degrees a second.
@@ -27,6 +30,22 @@ pub(super) fn way_rad(r: &Recording, end: usize, noise_deg: f64, clamped_rad: f6
     let mut points = way.turns;
     points.push(clamped_rad.to_degrees());
     points.into_iter().map(f64::to_radians).collect()
+}
+
+/// A way of less says nothing of what was before it, degrees: a lever that stands where its recording begins, or goes on after a gap.
+const TOLD_DEG: f64 = 1.0;
+/// The clamp's torque is taken over so much of a dwell, s, where nothing is switched meanwhile.
+const HELD_S: f64 = 2.0;
+
+/// Torque that the clamp of a stretch from row `first` to `end` holds at first, Nm, if the way to there is not known and it was measured.
+pub(super) fn held_nm(stretch: &Stretch, r: &Recording, first: usize, end: usize) -> Option<f64> {
+    let way_rad: f64 = stretch.way_rad.windows(2).map(|leg| (leg[1] - leg[0]).abs()).sum();
+    if way_rad.to_degrees() >= TOLD_DEG {
+        return None;
+    }
+    let same = |i: &usize| r.time_s[*i] - r.time_s[first] <= HELD_S && r.segment[*i] == r.segment[first];
+    let (torque_nm, samples) = mean((first..end).take_while(same).map(|i| r.torque_nm[i]));
+    (samples > 0).then_some(torque_nm)
 }
 
 #[derive(Default)]
@@ -116,5 +135,28 @@ mod tests {
             [-40.0, -40.0],
             "the run begins there"
         );
+    }
+
+    #[test]
+    fn the_clamp_s_torque_is_asked_for_where_no_way_to_there_is_known() {
+        use recordings::{Plane, Protocol};
+        // 4 s at -40 degrees, led to -25 within 3 s, 4 s there, set to -10, 4 s there
+        let led_up = (0..300).map(|i| -40.0 + 0.05 * f64::from(i));
+        let angles: Vec<f64> = std::iter::repeat_n(-40.0, 400)
+            .chain(led_up)
+            .chain(std::iter::repeat_n(-25.0, 400))
+            .chain(std::iter::repeat_n(-10.0, 400))
+            .collect();
+        let mut r = led(&angles);
+        // nobody reads it while the lever moves
+        let torque_nm = |(i, angle): (usize, &f64)| if (400..700).contains(&i) { f64::NAN } else { 0.1 * angle };
+        r.torque_nm = angles.iter().enumerate().map(torque_nm).collect();
+        r.segment =
+            (0..angles.len()).map(|i| i64::from(i >= 400) + i64::from(i >= 700) + i64::from(i >= 1100)).collect();
+        let cut = super::super::stretches(0, "t.csv", Protocol::TorqueMap, Plane::Horizontal, &r).unwrap();
+        let held: Vec<Option<f64>> = cut.iter().map(|s| s.held_nm).collect();
+        assert_eq!(held.len(), 3, "{held:?}");
+        let near = |held: Option<f64>, expected: f64| held.is_some_and(|nm| (nm - expected).abs() < 1e-6);
+        assert!(near(held[0], -4.0) && held[1].is_none() && near(held[2], -1.0), "{held:?}");
     }
 }
