@@ -379,7 +379,7 @@ mod tests {
         let values = [6.0, 6.0, 18.0, 10.0, 0.0, 0.0, 0.06];
         let runs = [7, 8].map(|seed| dynamic(&truth, Some((rubber, values.to_vec())), 12.0, seed));
         let (problem, layout) = (problem(&runs), layout(&truth));
-        let effort = Effort { iterations: 60, tolerance: 1e-3, ..Effort::default() };
+        let effort = Effort { iterations: 120, tolerance: 1e-3, ..Effort::default() };
         for own in [[20.0, 20.0, 24.0, 1.5, 0.0, 0.0, 0.01], [10.0, 10.0, 22.0, 1.0, 0.0, 0.0, 0.02]] {
             let start = [&layout.vector_of(&truth)[..], &own].concat();
             let found = fit(&problem, &layout.with(rubber), problem.point(start), effort).unwrap();
