@@ -220,13 +220,22 @@ pub struct Ran {
     pub voltage_v: f64,
 }
 
+/// What a clamped lever was seen to be held with.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Held {
+    /// Torque of the clamp, Nm.
+    pub torque_nm: f64,
+    /// Chamber pressures meanwhile, bar absolute.
+    pub pressure_bar: [f64; 2],
+}
+
 /// What was before the plant stood as it does, for the effects that remember it; the default is that nothing is known, as at a run's start.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Before<'a> {
     /// Turning points of the way on which a led lever came to its angle ([`Arrival::Led`]), rad.
     pub way_rad: &'a [f64],
-    /// Torque that the clamp of a led lever holds, Nm, where its way is not known ([`Arrival::Held`]).
-    pub held_nm: Option<f64>,
+    /// What a led lever is held with, where its way is not known ([`Arrival::Held`]).
+    pub held: Option<Held>,
     /// What the pump has done since the run's start, in order.
     pub ran: &'a [Ran],
 }

@@ -350,11 +350,13 @@ pub fn rest_states_after<S: Scalar>(before: Before, input: &Input, k: &[S], effe
     if input.vertical {
         torque_nm -= k[G] * angle.sin();
     }
-    let arrival = match (input.lever, before.held_nm) {
+    let arrival = match (input.lever, before.held) {
         (Lever::Free, _) => Arrival::Free,
         (Lever::Led { .. } | Lever::Carried, None) => Arrival::Led(before.way_rad),
-        (Lever::Led { .. } | Lever::Carried, Some(held_nm)) => {
-            torque_nm = torque_nm - held_nm;
+        (Lever::Led { .. } | Lever::Carried, Some(held)) => {
+            let [p1, p2] = held.pressure_bar;
+            // the oil may have gone on from its initial pressures while the clamp's torque was read
+            torque_nm += torque(k, angle, S::constant(p1 - p2)) - actuator_torque_nm - held.torque_nm;
             Arrival::Held
         }
     };

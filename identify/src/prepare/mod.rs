@@ -15,7 +15,7 @@ use rows::{block_starts, dwells, fillings, rest_rows, slow, thinned};
 
 use past::past;
 use ran::ran;
-use way::{held_nm, way_rad};
+use way::{held, way_rad};
 
 pub use rows::segments;
 pub use stretch::{Channel, Stand, Stretch, Target};
@@ -56,7 +56,7 @@ pub fn stretches(
         bypass_open: r.bypass_open[first..end].to_vec(),
         angle_rad: Vec::new(),
         way_rad: Vec::new(),
-        held_nm: None,
+        held: None,
         ran: ran(&r, first),
         past: None,
         pressure_bar: [Vec::new(), Vec::new()],
@@ -106,7 +106,7 @@ pub fn stretches(
                 let mut s = cut(first, end, Stand::Led);
                 s.angle_rad = vec![level(&r.angle_deg[first..end], angle_noise).to_radians(); end - first];
                 s.way_rad = way_rad(&r, first, angle_noise, s.angle_rad[0]);
-                s.held_nm = held_nm(&s, &r, first, end);
+                s.held = held(&s, &r, first, end);
                 s.past = past(&s, &r, first, angle_noise);
                 initial_from_rows(&mut s, &r, first, 0.05, 0.05);
                 for channel in [Channel::Pressure1, Channel::Pressure2, Channel::Torque] {
@@ -160,7 +160,7 @@ pub fn stretches(
                 let mut s = cut(first, end, Stand::Drained);
                 s.angle_rad = vec![level(&r.angle_deg[first..end], angle_noise).to_radians(); end - first];
                 s.way_rad = way_rad(&r, first, angle_noise, s.angle_rad[0]);
-                s.held_nm = held_nm(&s, &r, first, end);
+                s.held = held(&s, &r, first, end);
                 s.pressure_bar = PRESSURES.map(|c| drained_pressure(&r, c.of(&r), first, end));
                 s.initial = vec![s.angle_rad[0], s.pressure_bar[0][0], s.pressure_bar[1][0]];
                 let mut volume = vec![f64::NAN; end - first];

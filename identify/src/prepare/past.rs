@@ -51,7 +51,7 @@ pub(super) fn past(stretch: &Stretch, r: &Recording, first: usize, noise_deg: f6
         brake_open: open(&r.brake_open),
         bypass_open: open(&r.bypass_open),
         way_rad: if on_bench { Vec::new() } else { way_rad(r, start, noise_deg, angle_rad[0]) },
-        held_nm: None,
+        held: None,
         ran: ran(r, start),
         initial: vec![angle_rad[0], pressure_bar[0][0], pressure_bar[1][0]],
         initial_std: vec![0.0; 3],

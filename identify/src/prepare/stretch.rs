@@ -1,6 +1,6 @@
 //! A stretch: a piece of a run that is simulated from one initial state, with its inputs and targets.
 
-use model::port::{Before, Ran};
+use model::port::{Before, Held, Ran};
 use model::rec::{Circuit, Input, Lever};
 use recordings::{Protocol, Recording};
 
@@ -99,8 +99,8 @@ pub struct Stretch {
     pub angle_rad: Vec<f64>,
     /// Turning points of the way on which a led lever came to its first angle, rad; that angle is the last. Empty: not known, or free.
     pub way_rad: Vec<f64>,
-    /// Torque that the clamp of a led lever holds at first, Nm, where the way there is not known and it was measured.
-    pub held_nm: Option<f64>,
+    /// What a led lever is held with at first, where the way there is not known and that was measured.
+    pub held: Option<Held>,
     /// What the pump has done since the run's start.
     pub ran: Vec<Ran>,
     /// What was before, where the lever is led or the pump on its bench, with angle and pressures as inputs: it says how the effects begin that remember.
@@ -149,7 +149,7 @@ impl Stretch {
             bypass_open: Vec::new(),
             angle_rad: Vec::new(),
             way_rad: Vec::new(),
-            held_nm: None,
+            held: None,
             ran: Vec::new(),
             past: None,
             pressure_bar: [Vec::new(), Vec::new()],
@@ -172,7 +172,7 @@ impl Stretch {
 
     /// What was before it, as its effects remember it.
     pub fn before(&self) -> Before<'_> {
-        Before { way_rad: &self.way_rad, held_nm: self.held_nm, ran: &self.ran }
+        Before { way_rad: &self.way_rad, held: self.held, ran: &self.ran }
     }
 
     /// The input before it, of which nothing is known: a pump on its bench is started from standstill.

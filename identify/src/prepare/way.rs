@@ -1,5 +1,6 @@
 //! The way on which a led lever came to where it is clamped: walls with a hysteresis remember it.
 
+use model::port::Held;
 use recordings::Recording;
 
 use super::Stretch;
@@ -34,18 +35,21 @@ pub(super) fn way_rad(r: &Recording, end: usize, noise_deg: f64, clamped_rad: f6
 
 /// A way of less says nothing of what was before it, degrees: a lever that stands where its recording begins, or goes on after a gap.
 const TOLD_DEG: f64 = 1.0;
-/// The clamp's torque is taken over so much of a dwell, s, where nothing is switched meanwhile.
+/// The clamp's torque is read over so much of a dwell, s, if no other segment begins meanwhile.
 const HELD_S: f64 = 2.0;
 
-/// Torque that the clamp of a stretch from row `first` to `end` holds at first, Nm, if the way to there is not known and it was measured.
-pub(super) fn held_nm(stretch: &Stretch, r: &Recording, first: usize, end: usize) -> Option<f64> {
+/// What holds the lever of a stretch from row `first` to `end` at first, if the way to there is not known and that was measured.
+pub(super) fn held(stretch: &Stretch, r: &Recording, first: usize, end: usize) -> Option<Held> {
     let way_rad: f64 = stretch.way_rad.windows(2).map(|leg| (leg[1] - leg[0]).abs()).sum();
     if way_rad.to_degrees() >= TOLD_DEG {
         return None;
     }
     let same = |i: &usize| r.time_s[*i] - r.time_s[first] <= HELD_S && r.segment[*i] == r.segment[first];
-    let (torque_nm, samples) = mean((first..end).take_while(same).map(|i| r.torque_nm[i]));
-    (samples > 0).then_some(torque_nm)
+    let read = |i: &usize| [&r.torque_nm, &r.pressure1_bar, &r.pressure2_bar].iter().all(|c| c[*i].is_finite());
+    let rows: Vec<usize> = (first..end).take_while(same).filter(read).collect();
+    let of = |values: &[f64]| mean(rows.iter().map(|i| values[*i])).0;
+    let pressure_bar = [of(&r.pressure1_bar), of(&r.pressure2_bar)];
+    (!rows.is_empty()).then(|| Held { torque_nm: of(&r.torque_nm), pressure_bar })
 }
 
 #[derive(Default)]
@@ -154,7 +158,7 @@ mod tests {
         r.segment =
             (0..angles.len()).map(|i| i64::from(i >= 400) + i64::from(i >= 700) + i64::from(i >= 1100)).collect();
         let cut = super::super::stretches(0, "t.csv", Protocol::TorqueMap, Plane::Horizontal, &r).unwrap();
-        let held: Vec<Option<f64>> = cut.iter().map(|s| s.held_nm).collect();
+        let held: Vec<Option<f64>> = cut.iter().map(|s| s.held.map(|held| held.torque_nm)).collect();
         assert_eq!(held.len(), 3, "{held:?}");
         let near = |held: Option<f64>, expected: f64| held.is_some_and(|nm| (nm - expected).abs() < 1e-6);
         assert!(near(held[0], -4.0) && held[1].is_none() && near(held[2], -1.0), "{held:?}");

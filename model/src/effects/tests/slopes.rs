@@ -168,8 +168,9 @@ fn rest_states_have_the_slopes_of_differences_and_stay_put() {
                 plant[rec::state::VELOCITY] = 0.0;
                 let way_rad = [-0.4, 0.3, plant[rec::state::ANGLE]];
                 let ran = [Ran { for_s: 20.0, voltage_v: 0.0 }, Ran { for_s: 9.0, voltage_v: 14.0 }];
-                let held_nm = rng.random_bool(0.5).then_some(0.4);
-                let before = Before { way_rad: &way_rad, held_nm, ran: &ran };
+                let held = crate::port::Held { torque_nm: 0.4, pressure_bar: [2.9, 2.8] };
+                let held = rng.random_bool(0.5).then_some(held);
+                let before = Before { way_rad: &way_rad, held, ran: &ran };
                 let at: Vec<f64> = plant.iter().chain(*start).copied().collect();
                 let f = |v: &[f64]| {
                     let effects = set(*effect, &v[STATES..]);
