@@ -152,9 +152,9 @@ fn means_of_few_rows_are_those_of_all() {
         for ((target, mean), block) in s.targets.iter().zip(means).zip(starts) {
             let own = &rows[s.blocks[block - 1]..s.blocks[block]];
             let of_all = own.iter().map(|y| y[target.channel.index()]).sum::<f64>() / own.len() as f64;
-            // the torque has a kink where the pressures are equal, and its mean errs by some hundredths of a sensor's noise there; where the pressures are still
-            // their middle is taken, within a hundredth
-            let most = if target.channel == Channel::Torque { 1.5e-3 } else { 2e-5 };
+            // the torque has a kink where the pressures are equal: the one block that holds it errs by a third of what the noise leaves of its mean (0.03 Nm, ten
+            // rows). Where the oil is still the middle is taken, which is within a hundredth of a pressure's noise
+            let most = if target.channel == Channel::Torque { 3e-3 } else { 2e-5 };
             assert!((mean - of_all).abs() < most, "{}: {mean} {of_all} at {} s", walls.0, target.time_s);
         }
     }
