@@ -5,8 +5,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use model::Parameters;
 use model::parameters::{NAMES, index};
 
-use crate::fit::{Fit, covariance};
+use crate::fit::Fit;
 use crate::layout::Layout;
+use crate::normal::covariance;
 use crate::problem::{Piece, Point, Problem};
 
 /// From this correlation on two parameters are told as a combination.

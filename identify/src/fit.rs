@@ -313,39 +313,6 @@ pub(crate) fn damped_step(h: &DMatrix<f64>, g: &DVector<f64>, held: &[bool], dam
     step.iter().all(|v| v.is_finite()).then_some(step)
 }
 
-/// Covariance of the parameters from the normal matrix; `None` entries (no influence) get an infinite variance.
-pub fn covariance(matrix: &DMatrix<f64>) -> DMatrix<f64> {
-    let n = matrix.nrows();
-    let scale: Vec<f64> = (0..n).map(|i| matrix[(i, i)].max(0.0).sqrt()).collect();
-    let correlation = DMatrix::from_fn(n, n, |i, j| {
-        if scale[i] > 0.0 && scale[j] > 0.0 {
-            matrix[(i, j)] / (scale[i] * scale[j])
-        } else if i == j {
-            1.0
-        } else {
-            0.0
-        }
-    });
-    let eigen = correlation.symmetric_eigen();
-    let inverse = DMatrix::from_fn(n, n, |i, j| {
-        (0..n)
-            .map(|k| {
-                let value = eigen.eigenvalues[k].max(1e-14);
-                eigen.eigenvectors[(i, k)] * eigen.eigenvectors[(j, k)] / value
-            })
-            .sum::<f64>()
-    });
-    DMatrix::from_fn(n, n, |i, j| {
-        if scale[i] > 0.0 && scale[j] > 0.0 {
-            inverse[(i, j)] / (scale[i] * scale[j])
-        } else if i == j {
-            f64::INFINITY
-        } else {
-            0.0
-        }
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

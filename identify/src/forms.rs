@@ -38,12 +38,11 @@ pub fn refined(problem: &Problem, found: Fit, added: &[&str], followed: usize, e
         let Some(form) = form else { continue };
         let own = best.layout.first_of(n)..best.layout.first_of(n + 1);
         let plain = &best.point.theta[own];
-        let Some((layout, _)) = form.all_starts(plain).first().map(|values| with_form(&best, n, values)) else {
-            continue;
-        };
-        let at = |values: &Vec<f64>| with_form(&best, n, values).1;
         // from the form that was found, and from those that such effects have
-        let starts = problem.cheapest(&layout, form.all_starts(plain).iter().map(at), followed);
+        let starts = form.all_starts(plain);
+        let Some((layout, _)) = starts.first().map(|values| with_form(&best, n, values)) else { continue };
+        let at = |values: &Vec<f64>| with_form(&best, n, values).1;
+        let starts = problem.cheapest(&layout, starts.iter().map(at), followed);
         let most = starts.first().map_or(0.0, |(cost, _)| FURTHER * cost);
         let few = starts.into_iter().filter(|(cost, _)| *cost <= most);
         let led = |(_, point): (f64, Point)| fit(problem, &layout, point, FEW).ok();

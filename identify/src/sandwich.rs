@@ -8,8 +8,9 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::fit::{Fit, covariance};
+use crate::fit::Fit;
 use crate::normal::Normal;
+use crate::normal::covariance;
 use crate::problem::{Piece, Problem};
 use crate::score::clusters;
 

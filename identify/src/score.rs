@@ -10,8 +10,9 @@ use model::effects::{Effect, empirical};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use crate::fit::{Fit, covariance};
+use crate::fit::Fit;
 use crate::layout::Layout;
+use crate::normal::covariance;
 use crate::normal::{Normal, take_moved};
 use crate::predict::Initial;
 use crate::problem::{Piece, Point, Problem};

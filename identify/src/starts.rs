@@ -1,6 +1,5 @@
 //! Which of many starts of a fit cost least.
 
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use model::integrate::SimulationError;
@@ -14,18 +13,15 @@ const ROUNDING: f64 = 1e-9;
 impl Problem {
     /// The cost at a point if it is no more than `most`, and else infinite: what costs more is not simulated to its end.
     pub(crate) fn cost_up_to(&self, layout: &Layout, point: &Point, most: f64) -> f64 {
-        let (so_far, beyond) = (Mutex::new(0.0), AtomicBool::new(false));
+        let so_far = Mutex::new(0.0);
+        // a thread that panicked with it has left what was there before
+        let sum = || so_far.lock().unwrap_or_else(PoisonError::into_inner);
         let own = |n: usize| {
-            if beyond.load(Ordering::Relaxed) {
+            if *sum() > most * (1.0 + ROUNDING) {
                 return Ok(f64::INFINITY);
             }
             let cost = self.cost_of_stretch(n, layout, &point.theta, &point.initial[n]);
-            // a thread that panicked with it has left what was there before
-            let mut sum = so_far.lock().unwrap_or_else(PoisonError::into_inner);
-            *sum += cost;
-            if *sum > most * (1.0 + ROUNDING) {
-                beyond.store(true, Ordering::Relaxed);
-            }
+            *sum() += cost;
             Ok::<_, SimulationError>(cost)
         };
         let cost = self.each(own).map_or(f64::INFINITY, |costs| costs.iter().sum());

@@ -4,8 +4,9 @@ use model::integrate::SimulationError;
 use model::parameters::{COUNT, NAMES, index};
 use nalgebra::DMatrix;
 
-use crate::fit::{Fit, covariance};
+use crate::fit::Fit;
 use crate::normal::Normal;
+use crate::normal::covariance;
 use crate::problem::{Piece, Problem};
 use crate::sandwich::{sandwich, t_975};
 

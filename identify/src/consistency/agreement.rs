@@ -77,7 +77,7 @@ fn alone(m: &Material, only: &[usize], keep: impl Fn(&Stretch) -> bool) -> Vec<(
     }
     matrix.fill_upper_triangle_with_lower_triangle();
     let misfit = (square / targets as f64).max(1.0);
-    let covariance = crate::fit::covariance(&matrix);
+    let covariance = crate::normal::covariance(&matrix);
     let step = covariance.map(|v| if v.is_finite() { v } else { 0.0 }) * gradient;
     let known = |i: usize| {
         let p = fit.layout.base[entries[i]];

@@ -5,8 +5,8 @@ use nalgebra::DMatrix;
 use recordings::{Plane, Protocol, Recording};
 
 use super::Rival;
-use crate::fit::covariance;
 use crate::noise::median;
+use crate::normal::covariance;
 use crate::prepare::{Channel, Stand, Unusable, stretches};
 use crate::problem::Problem;
 use crate::score::clusters;

@@ -9,7 +9,8 @@ use std::cell::OnceCell;
 use model::integrate::SimulationError;
 use nalgebra::{DMatrix, DVector};
 
-use crate::fit::{Fit, covariance};
+use crate::fit::Fit;
+use crate::normal::covariance;
 use crate::prepare::Stand;
 use crate::problem::Problem;
 

@@ -199,6 +199,18 @@ mod tests {
     }
 
     #[test]
+    fn terms_without_a_name_are_not_followed_to_the_last_digit_and_names_are() {
+        let truth = model::Parameters::example();
+        let of = |effect: &'static dyn Effect| {
+            let layout = crate::common::layout(&truth).with(effect);
+            let point = crate::problem::Point { theta: vec![0.0; layout.len()], initial: Vec::new() };
+            HEATS[3].effort_for(&Fit { layout, point, cost: 1.0, converged: false }).tolerance
+        };
+        assert_eq!(of(model::effects::find("pump_lag").unwrap()), HEATS[3].tolerance);
+        assert_eq!(of(empirical::EMPIRICAL[0]), TERMS);
+    }
+
+    #[test]
     fn what_a_candidate_must_gain_is_a_share_of_what_is_missing_and_next_to_nothing_where_nothing_is() {
         let truth = model::Parameters::example();
         let lag = model::effects::find("pump_lag").unwrap();
