@@ -34,6 +34,15 @@ fn matter_of_form(of_whole: f64, linearly: f64, largest: f64) -> bool {
     (of_whole < SUBSTANTIAL && linearly < A_GOOD_PART) || (of_whole < FORM_OF_ONE && largest < CONSISTENT)
 }
 
+/// Candidates are worth refitting: the library's score test says so (`p`), or the structured residual does (`largest`, noise floors), or, for a first name
+/// (`first`), both do a little. Linearly little may go with a friction that a refit finds at once; whether one is named is the other judges' matter.
+fn is_called_for(p: f64, largest: f64, first: bool) -> bool {
+    p <= LEVEL || largest >= CLEAR || (first && largest > CONSISTENT && p <= SUGGESTIVE)
+}
+
+/// Level of the score test that says little alone.
+const SUGGESTIVE: f64 = 0.05;
+
 /// Share of the whole, a tenth of its amplitude, that the form of a name may leave.
 const FORM_OF_ONE: f64 = 0.01;
 
@@ -132,7 +141,7 @@ impl<'a> Search<'a> {
         Bases { scene: &round.scene, component, short, guided, beside: f64::INFINITY, gross }
     }
 
-    /// A candidate is significant, or the last step's misfit is certain without.
+    /// Candidates are worth refitting on what the last step leaves ([`is_called_for`]).
     pub fn calls_for(&self, found: &mut Found, round: &Round) -> bool {
         let largest = misfit::largest(&found.parts(self.problem, found.last()));
         let p = round.p_value(|_| true);
@@ -140,7 +149,7 @@ impl<'a> Search<'a> {
         if let Some(last) = found.steps.last_mut() {
             last.silent = p > LEVEL;
         }
-        p <= LEVEL || largest >= CLEAR
+        is_called_for(p, largest, found.steps.len() == 1)
     }
 
     /// The misfit is gross, and the names of this step do not lead out of it.
@@ -161,7 +170,16 @@ impl<'a> Search<'a> {
         let left = misfit::cost(&misfit::parts(&self.brief, &residual, &found.colours));
         let most = round.shortlist(&self.open(fit), 3).iter().map(|set| round.gain_of(set)).fold(0.0, f64::max);
         tracing::info!(of_whole, largest, left, most, "what a second name could do, linearly");
-        Ok(matter_of_form(of_whole, most / left, largest))
+        Ok(matter_of_form(of_whole, most / left, largest) && !self.leads_on(round, of_whole, largest)?)
+    }
+
+    /// What names leave is gross, and more than the form of one is known to leave: of that a free run, which is elsewhere, says little linearly. A candidate takes
+    /// away most of it under the guide.
+    pub fn leads_on(&self, round: &Round, of_whole: f64, largest: f64) -> Result<bool, SimulationError> {
+        if largest <= GROSS || of_whole < FORM_OF_ONE {
+            return Ok(false);
+        }
+        self.leads_out(round)
     }
 
     /// How many names what the reference model leaves can bear.
@@ -345,6 +363,14 @@ mod tests {
         assert!(!leads_nowhere(1.0, 0.8, 0.2), "what is not gross any more");
         assert!(!leads_nowhere(16.0, 0.5, 0.2) && !leads_nowhere(16.0, 0.8, 0.5), "half of two");
         assert!(!leads_nowhere(0.0, f64::NAN, 0.0), "nothing was there");
+    }
+
+    #[test]
+    fn candidates_are_tried_where_one_sign_is_clear_or_for_a_first_name_two_are_not() {
+        assert!(is_called_for(0.004, 0.2, false) && is_called_for(0.5, 0.8, false));
+        assert!(is_called_for(0.01, 0.5, true), "more than noise leaves, and more than chance has it");
+        assert!(!is_called_for(0.01, 0.5, false), "what a form leaves");
+        assert!(!is_called_for(0.01, 0.4, true) && !is_called_for(0.06, 0.6, true), "one of them alone");
     }
 
     #[test]

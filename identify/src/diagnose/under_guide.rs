@@ -296,6 +296,9 @@ mod tests {
             let (tight, fit) = guided.tightest().expect("a guide");
             assert!(!guided.shows() && guided.lacks() == out, "{}", fit.cost / tight.targets() as f64);
             assert_eq!(search.leads_out(&round).expect("it can be simulated"), out);
+            let on = |of_whole, largest| search.leads_on(&round, of_whole, largest).expect("it can be simulated");
+            assert_eq!(on(0.04, 3.0), out);
+            assert!(!on(0.04, 1.0) && !on(0.004, 3.0), "what is not gross, and what a form leaves");
         }
     }
 }
