@@ -49,12 +49,8 @@ pub(super) fn refit_all(
         // beside one that explains nearly all, in free run or where it is led, only what looks like it matters, and that is refitted as such
         let explained = out.iter().any(|r| is_nearly_all(problem, before, r.fit.cost))
             || bases.guided.is_some_and(|guided| guided.is_all_but_explained(led));
-        // beside one that leaves hardly more than noise of a gross misfit nobody who neither looks like it nor does half of it linearly matters
-        let noise = HARDLY_MORE * problem.targets() as f64;
-        let is_it = |r: &&Refit| r.fit.cost < noise && is_nearly_all(problem, before, r.fit.cost);
-        let best = out.iter().filter(is_it).find_map(Refit::only);
-        let alike = |id: &str| set.iter().any(|e| round.share_held(id, e.header().id).is_some_and(|held| held > ALIKE));
-        if bases.gross && round.gain_of(set) < HALF * before && best.is_some_and(|id| !alike(id)) {
+        let best = out.iter().filter(|r| is_all_but_noise(problem, before, r.fit.cost)).find_map(Refit::only);
+        if bases.gross && best.is_some_and(|id| !matters_beside(round, id, set, before)) {
             continue;
         }
         let own =
@@ -104,6 +100,17 @@ const NEARLY_ALL: f64 = 0.98;
 
 /// Cost a target that is hardly more than that of noise.
 const HARDLY_MORE: f64 = 1.5;
+
+/// A fit of cost `after` leaves hardly more than noise of what one of cost `before` does.
+pub(super) fn is_all_but_noise(problem: &Problem, before: f64, after: f64) -> bool {
+    after < HARDLY_MORE * problem.targets() as f64 && is_nearly_all(problem, before, after)
+}
+
+/// Beside one that leaves hardly more than noise of a gross misfit (`before`: its cost) a set matters that looks like it or does half of it linearly.
+pub(super) fn matters_beside(round: &Round, id: &str, set: &[&'static dyn Effect], before: f64) -> bool {
+    let alike = |other: &str| round.share_held(id, other).is_some_and(|held| held > ALIKE);
+    round.gain_of(set) >= HALF * before || set.iter().any(|e| alike(e.header().id))
+}
 
 /// A fit of cost `after` takes away all but nothing of what one of cost `before` leaves beside noise.
 pub(super) fn is_nearly_all(problem: &Problem, before: f64, after: f64) -> bool {

@@ -9,7 +9,7 @@ use model::integrate::SimulationError;
 use super::PREFERRED;
 use super::compare::{joined, look_alikes, rank, rivals, where_they_differ};
 use super::found::{Found, Name, Step};
-use super::refits::{is_nearly_all, refit_all, to_the_end};
+use super::refits::{is_all_but_noise, is_nearly_all, matters_beside, refit_all, to_the_end};
 use super::round::Round;
 use super::search::{Search, is_gross};
 use crate::fit::{Effort, Fit};
@@ -47,7 +47,8 @@ impl Search<'_> {
         let Ok(alone) = crate::fit::fit(&self.brief, &layout, point, effort) else { return Ok((step, brief)) };
         // beside a name that explains all of it only what looks like it matters, and nobody need be led to that
         let explained = is_nearly_all(&self.brief, alone.cost, brief.cost);
-        let gross = !explained && is_gross(&self.brief, &alone, &found.colours)?;
+        let misfit_is_gross = is_gross(&self.brief, &alone, &found.colours)?;
+        let gross = !explained && misfit_is_gross;
         let open = self.open(&alone);
         let round = Round::new(&self.brief, &alone, open.iter().copied())?;
         let guided = if gross { round.guided(self) } else { None };
@@ -59,6 +60,9 @@ impl Search<'_> {
         let bases = self.bases(&round, guided, gross);
         let mut shortlist = self.shortlist(&round, &open, &bases)?;
         shortlist.retain(|set| set.len() == 1 && set[0].header().id != own);
+        if misfit_is_gross && is_all_but_noise(&self.brief, alone.cost, brief.cost) {
+            shortlist.retain(|set| matters_beside(&round, own, set, alone.cost));
+        }
         let mut refits = refit_all(&self.brief, &bases, &round, &shortlist, Some(&brief), self.progress);
         refits.push(Refit { added: vec![own], fit: brief.clone(), led: None });
         refits.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
