@@ -4,6 +4,7 @@
 //! cluster by cluster, its size against the noise floor, its parameters' intervals and physical bounds. What is then left of
 //! the residual decides between a known effect, two that can't be told apart, and none that is known.
 
+mod called_for;
 mod compare;
 mod conclude;
 mod form;

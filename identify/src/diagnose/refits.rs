@@ -274,6 +274,25 @@ mod tests {
     }
 
     #[test]
+    fn beside_a_late_pump_what_looks_like_it_matters_and_what_does_half_of_it_linearly() {
+        let truth = model::Parameters::example();
+        let effect = |id: &str| model::effects::find(id).unwrap();
+        let (lag, other) = (effect("pump_lag"), effect("pump_asymmetry"));
+        let problem = crate::common::problem(&[crate::common::dynamic(&truth, Some((lag, vec![0.004])), 12.0, 7)]);
+        let layout = crate::common::layout(&truth);
+        let at = problem.point(layout.vector_of(&truth));
+        let bent = crate::fit::fit(&problem, &layout, at, Effort::default()).unwrap();
+        let round = Round::new(&problem, &bent, [lag, other].into_iter()).unwrap();
+        let gain = round.gain_of(&[other]);
+        assert!(matters_beside(&round, "pump_lag", &[lag], f64::INFINITY), "its like");
+        assert!(!matters_beside(&round, "pump_lag", &[other], 3.0 * gain.max(1.0)));
+        assert!(matters_beside(&round, "pump_lag", &[other], 1.5 * gain), "two thirds of it");
+        let targets = problem.targets() as f64;
+        let noise = |before: f64, after: f64| is_all_but_noise(&problem, before * targets, after * targets);
+        assert!(noise(100.0, 1.1) && !noise(100.0, 1.6) && !noise(2.0, 1.2), "what noise leaves, of much more");
+    }
+
+    #[test]
     fn beside_one_that_explains_a_gross_misfit_to_the_noise_only_its_like_is_refitted() {
         let both = ["pump_asymmetry", "pump_lag"];
         assert_eq!(refitted(0.04, &["pump_lag", "pump_asymmetry"], true), ["pump_lag"]);
