@@ -368,3 +368,29 @@ fn a_rig_whose_start_can_t_be_commanded_is_let_go_in_the_safe_state() {
         assert_eq!(wired.far_end(), safe, "{start:?}, {fill_bar} bar");
     }
 }
+
+#[test]
+fn with_an_amplifier_that_takes_no_voltage_no_run_begins() {
+    let mut wired = Wired::new("tmcl", None, USUAL);
+    wired.settings.amplifier.tmcl.command_parameter = Some(200);
+    let mut rig = wired.rig(None).unwrap();
+    let error = wired.prepare(&mut rig).unwrap_err().to_string();
+    assert!(error.contains("does not take a voltage") && error.contains("command_parameter"), "{error}");
+    // Who begins one all the same is told at once.
+    rig.begin_run(monotonic_ns());
+    let error = rig.read(Tick::at(0)).unwrap_err().to_string();
+    assert!(error.contains("takes the commanded voltage") && error.contains("to command 5"), "{error}");
+}
+
+/// "Safe state: written" must be true of the rig and not of a queue on the way to it.
+#[test]
+fn what_is_written_to_an_amplifier_that_is_gone_was_not() {
+    let mut wired = Wired::new("vesc", None, USUAL);
+    let mut rig = wired.rig(None).unwrap();
+    let origin_ns = wired.prepare(&mut rig).unwrap();
+    rig.begin_run(origin_ns);
+    rig.write(Tick::at(0), &START).unwrap();
+    wired.emulator.inject(nodes::Trouble::AmplifierSilent(true));
+    let refused = (1..5000).find_map(|index| rig.write(wired.wait(index), &START).err());
+    assert!(refused.unwrap().to_string().contains("an amplifier that answers"));
+}

@@ -309,3 +309,52 @@ fn a_signal_that_is_not_there_is_named_with_its_key() {
     let error = OutputMap::new(&wrong, &database).err().unwrap().to_string();
     assert!(error.contains("[can.fixture] run"), "{error}");
 }
+
+/// Nodes time out without them, and the safe state must be in the last set of all, whatever cycle the database has for their messages.
+#[test]
+fn valves_and_running_are_sent_every_tick_whichever_messages_they_are_in() {
+    let apart = DBC.replace(
+        "BO_ 128 VALVES: 3 Bench",
+        "BO_ 100 BRAKE: 1 Bench\n SG_ BrakeOpen : 0|1@1+ (1,0) [0|1] \"\" Valves\n\nBO_ 101 STATE: 1 Bench\n SG_ BypassOpen : 0|1@1+ (1,0) [0|1] \"\" \
+         Valves\n SG_ Running : 1|1@1+ (1,0) [0|1] \"\" Valves\n\nBO_ 128 VALVES: 3 Bench",
+    );
+    let apart = apart + "\nBA_ \"GenMsgCycleTime\" BO_ 100 100;\nBA_ \"GenMsgCycleTime\" BO_ 101 50;\n";
+    let settings = SETTINGS
+        .replace("VALVES.BrakeOpen", "BRAKE.BrakeOpen")
+        .replace("VALVES.BypassOpen", "STATE.BypassOpen")
+        .replace("VALVES.Running", "STATE.Running");
+    let settings: CanSettings = toml::from_str(&settings).unwrap();
+    let database = Database::parse(&apart, "apart.dbc").unwrap();
+    let mut map = OutputMap::new(&settings, &database).unwrap();
+    let command = Command { voltage_v: 0.0, brake_open: true, bypass_open: false, fixture: Fixture::Free, segment: 0 };
+    let preparation = Preparation { run: 1, vertical: false, fill_bar: 1.5, start: command };
+    for counter in 0..40 {
+        let mut frames = no_frames();
+        let around = Around { counter, running: true, preparation };
+        let count = map.frames(&command, &around, &mut frames).unwrap();
+        let frames = &frames[..count];
+        for (name, value) in [("BRAKE.BrakeOpen", 1.0), ("STATE.BypassOpen", 0.0), ("STATE.Running", 1.0)] {
+            assert_eq!(said(&database, frames, name), value, "{name} at tick {counter}");
+        }
+        assert_eq!(frames.last().unwrap().id, database.message("VALVES").unwrap().id);
+        let fixture = database.message("FIXTURE_POSE").unwrap().id;
+        assert_eq!(frames.iter().any(|frame| frame.id == fixture), counter < 2, "now and then, tick {counter}");
+    }
+}
+
+#[test]
+fn an_echo_wider_than_the_counter_begins_anew_where_that_does() {
+    let narrow = DBC
+        .replace("SG_ Counter : 8|16@1+ (1,0) [0|65535] \"\" Valves", "SG_ Counter : 8|8@1+ (1,0) [0|255] \"\" Valves");
+    let (settings, database) = (settings().0, Database::parse(&narrow, "narrow.dbc").unwrap());
+    let mut bench = InputMap::new(&settings, &database).unwrap();
+    for tick in 0..700_u64 {
+        let frame = encoder(&database, 1.0, (tick % 256) as f64);
+        bench.take(&TimedFrame { frame, received_ns: 0 }, Some(tick));
+        assert_eq!(
+            bench.measurement(Tick::at(tick + 1), 0).age_ns[Input::Angle as usize],
+            PERIOD_NS as u32,
+            "tick {tick}"
+        );
+    }
+}

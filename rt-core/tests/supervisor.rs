@@ -171,7 +171,11 @@ fn age_is_judged_where_a_value_is_required_and_exactly_beyond_its_limit() {
         assert!((trip.value - 20.000001).abs() < 1e-9, "the age is told, ms");
         assert_eq!(judge(limits, Fixture::Free, aged(input, u32::MAX)).map(|t| t.channel), Some(channel));
     }
-    assert_eq!(judge(limits, Fixture::Free, aged(Input::Torque, u32::MAX)), None, "nobody needs it");
+    assert_eq!(judge(limits, Fixture::Free, aged(Input::Torque, u32::MAX)), None, "nobody needs one");
+    let torque = |age_ns| aged(Input::Torque, age_ns).map(|measured| Measurement { torque_nm: 1.0, ..measured });
+    assert_eq!(judge(limits, Fixture::Free, torque(20_000_000)), None);
+    let trip = judge(limits, Fixture::Free, torque(20_000_001)).expect("one that is there is held against its limit");
+    assert_eq!((trip.channel, trip.breach), (Channel::Torque, Breach::Stale(20.0)));
     let bench = Fixture::PumpBench { pressure1_bar: 2.0, pressure2_bar: 2.0 };
     assert_eq!(judge(limits, bench, aged(Input::Angle, u32::MAX)), None, "there is no lever");
 }

@@ -6,7 +6,7 @@ use super::units::{BAR, DEGREE, MILLILITRE, MILLILITRE_A_SECOND, NEWTON_METRE, R
 use drivers::can::FrameId;
 use drivers::dbc::{Codec, Database, Message, Signal};
 use drivers::wired::{CanSettings, Sensor};
-use rt_core::Limits;
+use rt_core::{Limits, PERIOD_NS};
 use std::collections::BTreeMap;
 
 /// Fewest values of a counter: with fewer, a lost frame or two are a counter that stands.
@@ -201,14 +201,16 @@ impl<'a> Mapping<'a> {
                 );
                 self.problem(&key(name), what);
             } else if name == "counter"
-                && let Err(what) = counts(companion, codec, other.length)
+                && let Err(what) =
+                    counts(companion, codec, other.length).and_then(|()| self.echo_tells(companion, codec))
             {
                 self.problem(&key(name), what);
             }
         }
-        let required = needed.is_some();
+        // What is judged by its size must be fresh: what is required, and the torque.
+        let judged = needed.is_some() || path.ends_with("torque_nm");
         if let Some(cycle_ms) = message.cycle_time_ms
-            && required
+            && judged
             && cycle_ms > self.limits.age_max_ms
         {
             let what = format!(
@@ -218,6 +220,28 @@ impl<'a> Mapping<'a> {
             );
             self.problem(&key("signal"), what);
         }
+    }
+
+    /// The age of a value, as an echoed counter tells it, must not begin anew before it is above its limit: a node that repeats one frame for ever would be
+    /// fresh for ever.
+    fn echo_tells(&self, name: &str, echo: &Codec) -> Result<(), String> {
+        let commanded = self.settings.command.counter.as_ref().and_then(|name| self.database.signal(name).ok());
+        let own = (echo.range().1, name);
+        let (highest, narrower) = match (&commanded, &self.settings.command.counter) {
+            (Some((_, signal)), Some(name)) if signal.codec.range().1 < own.0 => {
+                (signal.codec.range().1, name.as_str())
+            }
+            _ => own,
+        };
+        let around_ms = (highest + 1.0) * PERIOD_NS as f64 * 1e-6;
+        let most_ms = self.limits.age_max_ms;
+        if around_ms > most_ms {
+            return Ok(());
+        }
+        Err(format!(
+            "expected a counter that begins anew after more than [limits] age_max_ms = {most_ms}, got {narrower}, which does after {around_ms} ms: a node \
+             that repeats one frame for ever would count as fresh; give it more bits, or lower the limit"
+        ))
     }
 
     fn companions_are_no_values(&mut self, values: &BTreeMap<String, &str>) {

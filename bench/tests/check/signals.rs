@@ -147,6 +147,16 @@ fn the_database_is_held_against_what_is_asked_of_it() {
         multiplexed.message.contains("[can.command] running: expected a message whose signals are all in every frame"),
         "{multiplexed}"
     );
+    none().database("SG_ Counter : 31|16@0+ (1,0) [0|65535]", "SG_ Counter : 31|4@0+ (1,0) [0|15]").refused(
+        "counter = \"ENCODER",
+        &[
+            "[can.sensors.angle_deg] counter: expected a counter that begins anew",
+            "age_max_ms = 20",
+            "ENCODER.Counter",
+            "16 ms",
+        ],
+    );
+    none().database("BO_ 387 1;", "BO_ 387 50;").refused("signal = \"CLAMP.TorqueNm\"", &["CLAMP comes every 50 ms"]);
     none().database("BO_ 385 ENCODER: 6", "BO_ 385 ENCODER: 64").refused(angle, &["classic frame"]);
     none().database("BO_ 385 1;", "BO_ 385 50;").refused(angle, &["ENCODER comes every 50 ms", "age_max_ms = 20"]);
     changed("bitrate = 1_000_000", "bitrate = 500_000").refused(

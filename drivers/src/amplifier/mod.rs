@@ -193,6 +193,14 @@ pub struct Refusal {
     pub meaning: &'static str,
     /// The command's number in the protocol.
     pub command: u8,
+    /// It was to set the voltage; otherwise something was asked.
+    pub of_voltage: bool,
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} (status {} to command {})", self.meaning, self.status, self.command)
+    }
 }
 
 /// How sound is what comes from the other side.

@@ -61,7 +61,7 @@ impl Worker {
                 }
             };
             let report = Reporter::new(journal, self.interface.clone());
-            let mut bus = Bus { worker: self, report, wake, pending: None };
+            let mut bus = Bus { worker: self, report, wake, pending: None, late: None };
             bus.begin(&port);
             let _ = opened.send(Ok(()));
             bus.keep_up(port).await;
@@ -79,6 +79,8 @@ struct Bus {
     report: Reporter,
     wake: AsyncFd<Arc<OwnedFd>>,
     pending: Option<Pending>,
+    /// A set that was not the newest any more when it was taken, and waits for that one.
+    late: Option<Set>,
 }
 
 /// A set that has not gone out yet.
@@ -207,32 +209,37 @@ impl Bus {
         stop
     }
 
-    /// The newest set becomes the one that is under way; what is left of older ones is not sent.
+    /// The newest set becomes the one that is under way. Of older ones only what it does not say anew is still sent, before it: a change of what is not
+    /// said every tick would wait for its next turn otherwise.
     fn take_newest(&mut self) {
         let newest = self.worker.orders.newest.load(Acquire);
         let (mut taken, mut passed_over) = (None, 0);
-        self.worker.sets.each(|set| {
-            let older: Option<Set> = taken.replace(set);
-            passed_over += older.map_or(0, |older| older.length as u64);
+        self.worker.sets.each(|mut set: Set| {
+            let older: Option<Set> = taken.take();
+            passed_over += older.map_or(0, |older| set.take_over(older.frames()));
+            taken = Some(set);
         });
-        let Some(set) = taken else { return };
-        if let Some(old) = self.pending.take() {
-            passed_over += (old.set.length - old.sent) as u64;
+        let Some(mut set) = taken else { return };
+        let under_way = self.pending.take();
+        let unsent = under_way.as_ref().map(|old| &old.set.frames()[old.sent..]);
+        let late = self.late.take();
+        for older in unsent.into_iter().chain(late.as_ref().map(|late| late.frames())) {
+            passed_over += set.take_over(older);
         }
         // There was no room for the newest: this one is as old as the queue is long, and the next is soon here.
         if set.number < newest {
-            passed_over += set.length as u64;
+            self.late = Some(set);
         } else {
             self.pending = Some(Pending { set, sent: 0, full: None });
         }
-        self.count_unsent(passed_over);
+        self.count_unsent(passed_over as u64);
     }
 
     fn give_up_pending(&mut self) {
-        if let Some(left) = self.pending.take() {
-            // Of a bus that is known to be off or down nobody needs to be told that nothing is sent.
-            self.worker.orders.unsent((left.set.length - left.sent) as u64);
-        }
+        let under_way = self.pending.take().map_or(0, |left| left.set.length - left.sent);
+        let late = self.late.take().map_or(0, |late| late.length);
+        // Of a bus that is known to be off or down nobody needs to be told that nothing is sent.
+        self.worker.orders.unsent((under_way + late) as u64);
     }
 
     fn count_unsent(&mut self, frames: u64) {

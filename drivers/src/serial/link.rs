@@ -2,7 +2,7 @@
 
 use super::shared::{Order, Shared};
 use super::{LinkError, thread};
-use crate::amplifier::{AmplifierError, AmplifierSettings, Fault, Firmware, Garbled, Telemetry, protocol};
+use crate::amplifier::{AmplifierError, AmplifierSettings, Fault, Firmware, Garbled, Refusal, Telemetry, protocol};
 use crate::exchange::{Giver, Taker, exchange};
 use crate::journal::Journal;
 use crate::telemetry::{TelemetryReader, telemetry_log};
@@ -25,7 +25,7 @@ pub struct AmplifierReport {
     pub telemetry: Telemetry,
     /// When that was received: `CLOCK_MONOTONIC`, ns. 0 before the first.
     pub telemetry_ns: u64,
-    /// When the last sound frame of any kind was received: `CLOCK_MONOTONIC`, ns.
+    /// When something was heard last that only an amplifier says (an echo of the bench's own frames is nothing of the kind): `CLOCK_MONOTONIC`, ns.
     pub heard_ns: u64,
     /// It answers.
     pub connected: bool,
@@ -33,6 +33,8 @@ pub struct AmplifierReport {
     pub armed: bool,
     /// The fault that it told last.
     pub fault: Option<Fault>,
+    /// Why it does not take the commanded voltage, and has not for 10 ms: the pump does something else.
+    pub refused: Option<Refusal>,
     /// Counts connections, from 1: a new one is armed anew.
     pub connection: u32,
     /// How sound was what came, since the link was opened.

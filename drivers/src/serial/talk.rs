@@ -22,6 +22,8 @@ const RETRY_NS: u64 = 2 * MS;
 const GIVE_UP_NS: u64 = 50 * MS;
 /// The thread looks at its clock at least so often; of a longer gap it slept through, so much counts as silence.
 const LOOK_NS: u64 = 20 * MS;
+/// Voltages are refused for so long before the amplifier counts as one that does not take them: a frame that was spoilt on its way is refused as well.
+const REFUSED_NS: u64 = 10 * MS;
 /// What is wrong with frames goes into the journal so often.
 const COMPLAIN_NS: u64 = 1000 * MS;
 
@@ -62,6 +64,8 @@ struct Times {
     asked_ns: u64,
     complained_ns: Option<u64>,
     lost_ns: u64,
+    /// The first voltage that was refused since one was taken.
+    refused_ns: Option<u64>,
 }
 
 impl Talk {
@@ -75,6 +79,7 @@ impl Talk {
                 connected: true,
                 armed: false,
                 fault: None,
+                refused: None,
                 connection: 1,
                 garbled: protocol.garbled(),
             },
@@ -90,6 +95,7 @@ impl Talk {
                 asked_ns: now,
                 complained_ns: None,
                 lost_ns: now,
+                refused_ns: None,
             },
             since_request: settings.telemetry_every_ticks,
             silent_ns: 0,
@@ -130,10 +136,9 @@ impl Talk {
             return;
         }
         let Talk { protocol, report, journal, times, refusal, untold, .. } = self;
-        let mut hello = None;
-        let sound_before = protocol.garbled().sound;
+        let (mut hello, mut answered) = (None, false);
         protocol.hear(bytes, &mut |told| {
-            *untold = true;
+            (answered, *untold) = (true, true);
             match told {
                 Told::Hello(firmware) => hello = Some(firmware),
                 Told::Telemetry(telemetry) => {
@@ -151,19 +156,24 @@ impl Talk {
                         }
                     }
                 }
-                Told::Acknowledged => {}
+                Told::Acknowledged => (times.refused_ns, report.refused) = (None, None),
                 Told::Refused(refused) => {
-                    times.requested_ns = None;
+                    if refused.of_voltage {
+                        let since_ns = *times.refused_ns.get_or_insert(now);
+                        report.refused = report.refused.or((now - since_ns >= REFUSED_NS).then_some(refused));
+                    } else {
+                        times.requested_ns = None;
+                    }
                     if refusal.replace(refused) != Some(refused) {
-                        let Refusal { status, meaning, command } = refused;
-                        let text = format_args!("the amplifier refused command {command}: {meaning} (status {status})");
+                        let text = format_args!("the amplifier refused: {refused}");
                         journal.note(When::MonotonicNs(now), Severity::Warning, text);
                     }
                 }
             }
         });
         let (sum, before) = (self.protocol.garbled(), self.garbled_before);
-        if sum.sound > sound_before {
+        // A sound frame that tells nothing may be the line's echo of the bench's own.
+        if answered {
             self.report.heard_ns = now;
             (self.asked, self.silent_ns, self.untold) = (false, 0, true);
         }
@@ -181,6 +191,7 @@ impl Talk {
     fn connect(&mut self, firmware: &Firmware, now: u64) {
         self.report.connected = true;
         self.report.connection += 1;
+        (self.report.refused, self.times.refused_ns) = (None, None);
         self.untold = true;
         self.due = true;
         self.since_request = self.settings.telemetry_every_ticks;
@@ -240,7 +251,7 @@ impl Talk {
             lost = self.silent_ns > timeout_ns;
             if lost {
                 let ms = self.silent_ns / MS;
-                self.lose(now, format_args!("no sound frame for {ms} ms, expected one within {} ms", timeout_ns / MS));
+                self.lose(now, format_args!("no answer for {ms} ms, expected one within {} ms", timeout_ns / MS));
             }
         }
         self.due |= self.idle(now) || self.expired(now);

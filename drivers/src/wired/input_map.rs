@@ -1,7 +1,7 @@
 //! Frames to measured quantities: which signal of which message is what, calibrated, with the time at which it was measured.
 
 use super::settings::CanSettings;
-use super::signals::{MappingError, Sensed, modulus, sensed};
+use super::signals::{MappingError, Sensed, modulus, sensed, signal};
 use crate::can::{Frame, FrameId, TimedFrame};
 use crate::dbc::{Codec, Database};
 use rt_core::{Input, Measurement, PERIOD_NS, Tick};
@@ -61,7 +61,10 @@ impl InputMap {
     /// # Errors
     /// A signal that does not exist or can't be used, a companion in another message; names the rig file's key.
     pub fn new(settings: &CanSettings, database: &Database) -> Result<InputMap, MappingError> {
-        let sensors = sensed(settings, database)?.iter().map(Mapped::new).collect();
+        let counter = settings.command.counter.as_ref();
+        let counter = counter.map(|name| signal(database, name, || "[can.command] counter".to_owned())).transpose()?;
+        let commanded = counter.map_or(u64::MAX, |(_, codec)| modulus(codec));
+        let sensors = sensed(settings, database)?.iter().map(|sensed| Mapped::new(sensed, commanded)).collect();
         Ok(InputMap { sensors, readings: [None; 5], outdated: 0 })
     }
 
@@ -140,7 +143,8 @@ impl InputMap {
 }
 
 impl Mapped {
-    fn new(sensed: &Sensed<'_>) -> Mapped {
+    /// `commanded`: with how many values the counter counts that is echoed. A wider echo comes no further.
+    fn new(sensed: &Sensed<'_>, commanded: u64) -> Mapped {
         let Sensed { input, sensor, message, value, fault, present, counter } = *sensed;
         Mapped {
             input,
@@ -150,7 +154,7 @@ impl Mapped {
             offset: sensor.offset,
             fault,
             present,
-            counter: counter.map(|codec| Echo { codec, modulus: modulus(codec) }),
+            counter: counter.map(|codec| Echo { codec, modulus: modulus(codec).min(commanded) }),
             latency_ns: (sensor.latency_ms.max(0.0) * 1e6) as u64,
         }
     }

@@ -1,4 +1,5 @@
-//! The command of a tick to frames: valves and counter every tick, the fixture when it changes and every now and then.
+//! The command of a tick to frames: valves, `running` and counter every tick, in whichever message they are; the fixture when it changes and every now and
+//! then.
 
 use super::Preparation;
 use super::fixture::FixtureNumbers;
@@ -19,7 +20,7 @@ struct Sent {
     due_in: u32,
     /// As it was sent last.
     last: Option<Frame>,
-    /// Ticks for which a change is still repeated: a set of frames that a newer one replaced must not take it along.
+    /// Ticks for which a change is still repeated, on a line that spoils one frame.
     repeat: u8,
 }
 
@@ -76,15 +77,16 @@ impl OutputMap {
                 if self.sent.len() == MOST_FRAMES {
                     return Err(refused(format!("at most {MOST_FRAMES} command messages"), message.name.clone()));
                 }
-                let every_ticks = match message.cycle_time_ms {
-                    Some(cycle_ms) if !sync && cycle_ms > 1.0 => cycle_ms.round() as u32,
-                    _ => 1,
-                };
+                let every_ticks = message.cycle_time_ms.map_or(1.0, |cycle_ms| cycle_ms.round().max(1.0)) as u32;
                 self.sent.push(Sent { frame, signals: vec![], every_ticks, due_in: 0, last: None, repeat: 0 });
                 self.sent.len() - 1
             }
         };
-        self.sent[place].signals.push((meaning, codec, modulus(codec)));
+        let sent = &mut self.sent[place];
+        if sync || meaning.is_of_every_tick() {
+            sent.every_ticks = 1;
+        }
+        sent.signals.push((meaning, codec, modulus(codec)));
         Ok(())
     }
 
@@ -130,6 +132,11 @@ impl OutputMap {
 }
 
 impl Meaning {
+    /// Whatever its message's cycle is by the database: nodes time out without it, and the safe state must be in the last set of all.
+    fn is_of_every_tick(self) -> bool {
+        matches!(self, Meaning::BrakeOpen | Meaning::BypassOpen | Meaning::Counter | Meaning::Running)
+    }
+
     fn value(self, command: &Command, around: &Around, modulus: u64) -> f64 {
         let bit = |set: bool| f64::from(u8::from(set));
         let fixture = FixtureNumbers::from(command.fixture);

@@ -9,7 +9,7 @@ use super::{Preparation, WiredError};
 use crate::can::{BusState, CanLink, Frame, FrameId, Interface};
 use crate::dbc::Database;
 use crate::journal::JournalReader;
-use crate::serial::SerialLink;
+use crate::serial::{AmplifierReport, SerialLink};
 use rt_core::system::time::monotonic_ns;
 use rt_core::{Command, Demand, Device, DeviceError, Fixture, Measurement, Operator, SafeState, Switches, Tick};
 use std::fmt::Write;
@@ -17,6 +17,8 @@ use std::time::Duration;
 
 const AMPLIFIER: &str = "amplifier";
 const BUS: &str = "can";
+const TAKES_NO_VOLTAGE: &str =
+    "see [amplifier.tmcl] command_parameter and full_scale_units, and what state the module is in";
 /// Every sensor must have answered within this time before a run may begin.
 const PATIENCE: Duration = Duration::from_secs(3);
 /// Answers to what was sent so long ago or longer are of this preparation, not left from the one before.
@@ -181,6 +183,9 @@ impl WiredRig {
         if let Some(fault) = report.fault {
             let _ = write!(missing, "the amplifier reports {fault}; ");
         }
+        if let Some(refused) = report.refused {
+            let _ = write!(missing, "the amplifier does not take a voltage: {refused}; {TAKES_NO_VOLTAGE}; ");
+        }
         if !report.connected {
             let _ = write!(missing, "the amplifier does not answer; ");
         } else if !report.armed {
@@ -238,12 +243,25 @@ impl WiredRig {
             let what = format!("expected no fault, got {fault}; remove its cause, then start the run again");
             return Some((AMPLIFIER, what));
         }
+        if let Some(refusal) = takes_none(&report) {
+            return Some(refusal);
+        }
         if !report.armed {
-            let what = "expected an armed amplifier, got one that was gone (port lost, or silent) and is held at 0 V; see the \
-                        events, then start the run again to arm it";
+            let what = "expected an armed amplifier, got one that was gone (port lost, or silent): it is told 0 V as soon as it answers, until then its \
+                        own time-out decides; see the events, then start the run again to arm it";
             return Some((AMPLIFIER, what.to_owned()));
         }
         trouble(&self.bus.state()).or_else(|| self.twins.found().map(twins::told)).map(|what| (BUS, what))
+    }
+
+    /// Why what is commanded now does not reach the rig, as far as is known.
+    fn unheard(&mut self) -> Option<(&'static str, String)> {
+        let report = self.amplifier.poll();
+        if !report.connected {
+            let what = "expected an amplifier that answers, got none: what the pump does is up to its own time-out";
+            return Some((AMPLIFIER, what.to_owned()));
+        }
+        takes_none(&report).or_else(|| trouble(&self.bus.state()).map(|what| (BUS, what)))
     }
 
     fn heartbeat_age_ns(&mut self, now_ns: u64) -> u32 {
@@ -252,6 +270,15 @@ impl WiredRig {
         let oldest_ns = heard.min().unwrap_or(now_ns);
         u32::try_from(now_ns.saturating_sub(oldest_ns)).unwrap_or(u32::MAX)
     }
+}
+
+/// An amplifier that refuses the commanded voltage.
+fn takes_none(report: &AmplifierReport) -> Option<(&'static str, String)> {
+    let refused = report.refused?;
+    let what = format!(
+        "expected an amplifier that takes the commanded voltage, got {refused}: what the pump does is not known; {TAKES_NO_VOLTAGE}"
+    );
+    Some((AMPLIFIER, what))
 }
 
 /// A bus that can't be used.
@@ -287,11 +314,9 @@ impl Device for WiredRig {
 
     fn write(&mut self, now: Tick, command: &Command) -> Result<(), DeviceError> {
         self.commanded = Some(now.index);
-        self.send(command, now.index, true).map_err(|error| DeviceError {
-            device: BUS,
-            tick: now.index,
-            what: error.to_string(),
-        })
+        let refuse = |device, what| DeviceError { device, tick: now.index, what };
+        self.send(command, now.index, true).map_err(|error| refuse(BUS, error.to_string()))?;
+        self.unheard().map_or(Ok(()), |(device, what)| Err(refuse(device, what)))
     }
 }
 

@@ -178,7 +178,7 @@ pub(crate) fn modulus(counter: Codec) -> u64 {
 }
 
 /// A signal with its message; the error names the key that asked for it.
-fn signal<'a>(
+pub(super) fn signal<'a>(
     database: &'a Database,
     path: &str,
     key: impl FnOnce() -> String,

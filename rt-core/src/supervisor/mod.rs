@@ -203,7 +203,7 @@ impl Supervisor {
         }
     }
 
-    /// Pressures are required under every fixture, the angle wherever there is a lever: there, sound, and fresh.
+    /// Pressures are required under every fixture, the angle wherever there is a lever: there, sound, and fresh. A torque, where there is one, must be fresh.
     fn check_presence(&mut self, now: Tick, measured: &Measurement) {
         let Some(acting) = self.acting else { return };
         if self.hands_on {
@@ -227,6 +227,11 @@ impl Supervisor {
             if required && valid && age_ms > age_max_ms {
                 self.latch(now, channel, age_ms, Breach::Stale(age_max_ms));
             }
+        }
+        // No fixture requires a torque, but one that was told once would go on being judged however old it is.
+        let age_ms = f64::from(measured.age_ns[Input::Torque as usize]) * 1e-6;
+        if measured.is_valid(Input::Torque) && age_ms > age_max_ms {
+            self.latch(now, Channel::Torque, age_ms, Breach::Stale(age_max_ms));
         }
     }
 

@@ -250,5 +250,6 @@ fn firmware(value: i32) -> Firmware {
 
 fn refused(reply: &Reply) -> Told {
     let meaning = status::meaning(reply.status).unwrap_or("a status unknown to this program");
-    Told::Refused(Refusal { status: reply.status, meaning, command: reply.instruction })
+    let of_voltage = reply.instruction == instruction::SAP;
+    Told::Refused(Refusal { status: reply.status, meaning, command: reply.instruction, of_voltage })
 }
