@@ -19,6 +19,7 @@ use crate::model_file::{declared_fit, model_file};
 use crate::rank::rank;
 use crate::report::Report;
 use crate::score::Scene;
+use crate::simplify::uncertainty_of_simplified;
 use crate::torque_form::TorqueForm;
 use crate::uncertainty::Uncertainty;
 use crate::validate::{Prepared, ValidatedRun, prepare_validation, validate};
@@ -173,7 +174,7 @@ pub fn conclude(
     };
     drop(scene);
     let uncertainty_after = match changed {
-        Some(d) => Some(Uncertainty::of(&identified.problem, &d.after)?),
+        Some(d) => Some(uncertainty_of_simplified(&identified.problem, &d.after)?),
         None => None,
     };
     let by_eq2 = identified.by_eq2.as_ref().map(|fit| validate(loaded, prepared.clone(), fit, None));

@@ -4,7 +4,7 @@
 use std::cell::RefCell;
 
 use model::effects::EffectSet;
-use model::integrate::{MOST_STATES, SimulationError};
+use model::integrate::{MOST_STATES, SimulationError, have_room};
 use model::port::{Arrival, HydraulicPort, MechanicalPort, Port, PortKind, Rest};
 use model::scalar::{LANES, Scalar, Tangent};
 
@@ -171,11 +171,11 @@ struct Run<'a, S, E> {
 }
 
 impl<'a, S: Number, E: Equations> Run<'a, S, E> {
-    fn new(plant: &'a E, stretch: &'a Stretch, layout: &Layout, theta: &[S]) -> Self {
+    fn new(plant: &'a E, stretch: &'a Stretch, layout: &Layout, theta: &[S]) -> Result<Self, SimulationError> {
         let (k, effects) = layout.expand(theta);
         let states = plant.header().states.len() + effects.states;
-        assert!(states <= MOST_STATES, "{}: {states} states with effects, at most {MOST_STATES}", plant.header().id);
-        Run { plant, stretch, k, effects, states, kernels: Kernels::default() }
+        have_room(states)?;
+        Ok(Run { plant, stretch, k, effects, states, kernels: Kernels::default() })
     }
 
     /// Inputs at row `i` plus a share of the way to the next.
@@ -312,7 +312,7 @@ impl<E: Equations> Plant for E {
         theta: &[f64],
         initial: &[f64],
     ) -> Result<Vec<f64>, SimulationError> {
-        Run::new(self, stretch, layout, theta).targets(initial)
+        Run::new(self, stretch, layout, theta)?.targets(initial)
     }
 
     fn linearise(
@@ -336,7 +336,7 @@ impl<E: Equations> Plant for E {
             };
             let all: Vec<Tangent> = theta.iter().chain(initial).enumerate().map(seeded).collect();
             let (theta, initial) = all.split_at(theta.len());
-            let targets = Run::new(self, stretch, layout, theta).targets(initial)?;
+            let targets = Run::new(self, stretch, layout, theta)?.targets(initial)?;
             for (n, y) in targets.iter().enumerate() {
                 predicted[n] = y.value;
                 slope[n * columns + first..n * columns + first + count].copy_from_slice(&y.slope[..count]);
@@ -353,7 +353,7 @@ impl<E: Equations> Plant for E {
         initial: &[f64],
     ) -> Result<Vec<Vec<f64>>, SimulationError> {
         let mut out = Vec::with_capacity(stretch.rows());
-        Run::new(self, stretch, layout, theta).each_row(initial, |_, y| out.push(y.to_vec()))?;
+        Run::new(self, stretch, layout, theta)?.each_row(initial, |_, y| out.push(y.to_vec()))?;
         Ok(out)
     }
 }

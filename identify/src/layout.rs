@@ -64,6 +64,12 @@ impl Layout {
         base.chain(self.effects.iter().flat_map(|e| e.header().parameters.iter().map(|p| (p.lower, p.upper)))).collect()
     }
 
+    /// Whether a plant parameter (by its place in the plant's list) stands at a bound of what it may be.
+    pub fn is_at_bound(&self, parameter: usize, value: f64) -> bool {
+        let own = &self.plant.header().parameters[parameter];
+        [own.lower, own.upper].into_iter().any(|bound| (value - bound).abs() <= 1e-9 * bound.abs().max(1.0))
+    }
+
     /// First entry of the `n`-th effect.
     pub fn first_of(&self, n: usize) -> usize {
         self.base.len() + self.effects[..n].iter().map(|e| e.header().parameters.len()).sum::<usize>()

@@ -223,3 +223,30 @@ impl Problem {
         factors
     }
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "a test")]
+
+    use crate::common::{dynamic, layout, problem};
+    use model::Parameters;
+    use model::effects::empirical::EMPIRICAL;
+    use model::effects::find;
+
+    #[test]
+    fn more_states_than_can_be_integrated_are_told() {
+        let truth = Parameters::example();
+        let problem = problem(&[dynamic(&truth, None, 4.0, 7)]);
+        let mut layout = layout(&truth);
+        let mut theta = layout.vector_of(&truth);
+        let general = |id: &str| find(id).unwrap().refined().unwrap().effect;
+        for effect in [general("wall_creep"), general("elastic_hysteresis"), general("pressure_lag"), EMPIRICAL[1]] {
+            layout = layout.with(effect);
+            theta.extend_from_slice(effect.header().starts[0]);
+        }
+        let point = problem.point(theta);
+        let too_many = |error: String| assert!(error.contains("at most 16 states"), "{error}");
+        too_many(problem.residuals(&layout, &point).unwrap_err().to_string());
+        too_many(problem.linearise(&layout, &point).err().unwrap().to_string());
+    }
+}

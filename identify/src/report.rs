@@ -38,7 +38,7 @@ pub struct Report {
     pub corrupted: Vec<Corrupted>,
 }
 
-/// One parameter of the reference model.
+/// One parameter of the model that is handed on, as `model.toml` has it.
 #[derive(Clone, Debug, Serialize)]
 pub struct Parameter {
     /// As in `model.toml`.
@@ -59,6 +59,8 @@ pub struct Parameter {
     pub widening: Option<f64>,
     /// The paper's separate fit.
     pub separate_fit: Option<f64>,
+    /// It stands at a bound of what is physical: a misfit that something else makes may have driven it there.
+    pub at_bound: bool,
     /// Why it is not determined, and which run would.
     pub why: Option<String>,
 }
@@ -117,7 +119,7 @@ pub struct Corrupted {
 
 impl Report {
     pub(crate) fn of(subject: &Subject, summary: &[String]) -> Self {
-        let (known, matrix) = subject.uncertainty.correlation();
+        let (known, matrix) = subject.handed_on().1.correlation();
         Report {
             format: 1,
             campaign: subject.loaded.campaign.name.clone(),
@@ -143,9 +145,9 @@ impl Report {
 
 fn parameter(subject: &Subject, p: usize) -> Parameter {
     let identified = subject.identified;
-    let fit = &identified.fit;
+    let (fit, uncertainty) = subject.handed_on();
     let value = fit.layout.parameters(&fit.point.theta).to_vector()[p];
-    let std = subject.uncertainty.of_parameter(p);
+    let std = uncertainty.of_parameter(p);
     let why = identified.undetermined.get(NAMES[p]).cloned();
     let status = match (std, [index::A2, index::J, index::G].contains(&p)) {
         (Some(_), _) => "identified",
@@ -159,10 +161,11 @@ fn parameter(subject: &Subject, p: usize) -> Parameter {
         status,
         value,
         std,
-        interval: subject.uncertainty.half_interval(p).filter(|h| h.is_finite()).map(|h| (value - h, value + h)),
-        freedom: subject.uncertainty.freedom(p).filter(|f| std.is_some() && f.is_finite()),
-        widening: subject.uncertainty.widening(p),
+        interval: uncertainty.half_interval(p).filter(|h| h.is_finite()).map(|h| (value - h, value + h)),
+        freedom: uncertainty.freedom(p).filter(|f| std.is_some() && f.is_finite()),
+        widening: uncertainty.widening(p),
         separate_fit: separate,
+        at_bound: std.is_some() && fit.layout.is_at_bound(p, value),
         why,
     }
 }

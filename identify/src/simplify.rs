@@ -56,16 +56,18 @@ pub fn simplify(problem: &Problem, start: Fit) -> Result<Fit, SimulationError> {
 /// What is known of a fit's entries, whatever sizes [`simplify`] holds at zero. The data do not ask for those, which is not to know that they are zero: what is
 /// known of the others goes with how well they are told from them (the zeros of two pressure sensors are known as a difference alone).
 pub fn errors_of_simplified(problem: &Problem, fit: &Fit) -> Result<Vec<Known>, SimulationError> {
+    let uncertainty = uncertainty_of_simplified(problem, fit)?;
+    Ok((0..fit.layout.len()).map(|entry| uncertainty.known(entry)).collect())
+}
+
+/// The same of everything that a fit knows, the plant's own parameters too: a tilt's sine that is held at zero would be taken up by a spring.
+pub fn uncertainty_of_simplified(problem: &Problem, fit: &Fit) -> Result<Uncertainty, SimulationError> {
     let alone = Uncertainty::of(problem, fit)?;
     let open = released(fit);
-    let beside = match open.layout.held.len() < fit.layout.held.len() {
-        true => Some(Uncertainty::of(problem, &open)?),
-        false => None,
-    };
-    let wider =
-        |a: Known, b: Known| Known { std: a.std.max(b.std), half_interval: a.half_interval.max(b.half_interval) };
-    let known = |entry: usize| beside.iter().map(|b| b.known(entry)).fold(alone.known(entry), wider);
-    Ok((0..fit.layout.len()).map(known).collect())
+    if open.layout.held.len() == fit.layout.held.len() {
+        return Ok(alone);
+    }
+    Ok(alone.no_narrower_than(&Uncertainty::of(problem, &open)?))
 }
 
 /// The fit with all sizes free.
@@ -110,5 +112,28 @@ mod tests {
         assert!(student > 1.96 && student < 3.2, "half an interval is {student} standard errors");
         let mut base = beside.iter().take(first).enumerate().filter(|(i, _)| !simple.layout.held.contains(i));
         assert!(base.all(|(i, known)| known.std >= alone.of_entry(i)), "nothing is known better for it");
+    }
+
+    /// On a horizontal plane a tilt's sine is a spring, nearly: held at zero, it would make the plant's own spring seem known.
+    #[test]
+    fn what_a_size_that_is_held_could_take_up_is_no_better_known_for_it() {
+        let truth = Parameters::example();
+        let tilt = find("tilt").unwrap();
+        let (problem, plain) = (problem(&[7, 8].map(|seed| dynamic(&truth, None, 16.0, seed))), layout(&truth));
+        let sizes: Vec<usize> = (0..2).collect();
+        let mut named = plain.with(tilt);
+        named.held.insert(named.first_of(0) + sizes[0]);
+        let start = problem.point([plain.vector_of(&truth), vec![0.0, 0.05]].concat());
+        let found = fit(&problem, &named, start, Effort::default()).unwrap();
+        let (alone, beside) =
+            (Uncertainty::of(&problem, &found).unwrap(), uncertainty_of_simplified(&problem, &found).unwrap());
+        let spring = model::parameters::index::M2;
+        let (held, open) = (alone.of_parameter(spring).unwrap(), beside.of_parameter(spring).unwrap());
+        assert!(open > 3.0 * held, "{open} and {held}");
+        let all = |u: &Uncertainty| -> Vec<f64> { u.determined().into_iter().map(|(_, _, std)| std).collect() };
+        let narrower = all(&beside).iter().zip(all(&alone)).any(|(open, held)| *open < held * (1.0 - 1e-9));
+        assert!(!narrower && all(&alone).len() == all(&beside).len());
+        let (_, correlation) = beside.correlation();
+        assert!(correlation.iter().enumerate().all(|(i, row)| (row[i] - 1.0).abs() < 1e-9));
     }
 }

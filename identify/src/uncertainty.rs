@@ -64,6 +64,25 @@ impl Uncertainty {
         Uncertainty { covariance, plain, freedom: robust.freedom, base: fit.layout.base.clone(), l4_slope }
     }
 
+    /// Each variance at least that of another fit's same entry: what that one leaves more open is no better known here. Of a plant parameter that it does not
+    /// determine at all nothing is said.
+    pub fn no_narrower_than(mut self, other: &Uncertainty) -> Self {
+        let entries = self.covariance.nrows();
+        let wider: Vec<f64> = (0..entries)
+            .map(|i| {
+                let ratio = other.covariance[(i, i)] / self.covariance[(i, i)];
+                let is_known = ratio.is_finite() || i >= self.base.len();
+                if ratio > 1.0 && is_known { ratio.sqrt() } else { 1.0 }
+            })
+            .collect();
+        for i in (0..entries).filter(|&i| wider[i] > 1.0) {
+            self.freedom[i] = other.freedom[i];
+        }
+        let scaled = |i: usize, j: usize| self.covariance[(i, j)] * wider[i] * wider[j];
+        self.covariance = DMatrix::from_fn(entries, entries, scaled);
+        self
+    }
+
     /// Standard error of an entry of the fit, not finite where the data say nothing of it.
     pub fn of_entry(&self, entry: usize) -> f64 {
         self.covariance[(entry, entry)].sqrt()

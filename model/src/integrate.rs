@@ -41,6 +41,14 @@ pub enum SimulationError {
         /// Since the run's start, s.
         time_s: f64,
     },
+    /// Plant and effects have more states than can be integrated.
+    #[error(
+        "expected at most {MOST_STATES} states of the plant and its effects together, got {states}; declare fewer effects, or a simpler form of one"
+    )]
+    States {
+        /// How many there are.
+        states: usize,
+    },
     /// One of the others, in a run that has a name.
     #[error("{file}: {error}")]
     InRun {
@@ -56,6 +64,14 @@ impl SimulationError {
     pub fn in_run(self, file: &str) -> Self {
         if file.is_empty() { self } else { SimulationError::InRun { file: file.to_owned(), error: Box::new(self) } }
     }
+}
+
+/// Whether so many states of plant and effects can be integrated.
+///
+/// # Errors
+/// There are more than [`MOST_STATES`].
+pub fn have_room(states: usize) -> Result<(), SimulationError> {
+    if states <= MOST_STATES { Ok(()) } else { Err(SimulationError::States { states }) }
 }
 
 /// Integrates the plant for values.

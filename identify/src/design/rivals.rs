@@ -56,16 +56,27 @@ pub fn question(d: &Diagnosis) -> Option<Question> {
             found.sort_unstable();
             let mut sets: Vec<(Vec<&'static str>, f64)> = Vec::new();
             let likely = d.effects.iter().map(|a| a.probability).fold(1.0, f64::min);
-            // after several rounds the ranking is that of the first, and its leader part of what was found
-            let single = d.effects.len() == 1;
             if !found.is_empty() {
-                sets.push((found, likely.max(0.01)));
+                sets.push((found.clone(), likely.max(0.01)));
             }
-            for class in d.effects.iter().flat_map(|a| &a.equivalent).filter_map(|id| known(id)) {
-                let p = ranked.iter().find(|r| r.0 == class).map_or(likely, |r| r.1);
-                push_new(&mut sets, class, p.max(0.01));
+            for added in &d.effects {
+                let own = added.effect.header().id;
+                for class in added.equivalent.iter().filter_map(|id| known(id)) {
+                    let p = ranked.iter().find(|r| r.0 == class).map_or(likely, |r| r.1);
+                    // beside what else was found
+                    let mut set: Vec<&'static str> =
+                        found.iter().copied().filter(|id| *id != own).chain(class).collect();
+                    set.sort_unstable();
+                    set.dedup();
+                    push_new(&mut sets, set, p.max(0.01));
+                }
             }
-            let weak = d.verdict == Verdict::Ambiguous || (single && likely < SURE);
+            // of several effects the ranking is one's, beside the others
+            let weak = match d.effects.len() {
+                0 => d.verdict == Verdict::Ambiguous,
+                1 => d.verdict == Verdict::Ambiguous || likely < SURE,
+                _ => false,
+            };
             if weak {
                 for (set, p) in ranked.into_iter().filter(|r| r.1 >= POSSIBLE) {
                     push_new(&mut sets, set, p);

@@ -102,8 +102,7 @@ impl Search<'_> {
             (Some(step), _) => {
                 let step = self.handed_on(&found, step)?;
                 let carried = step.fit.layout.effects.last().copied();
-                let name = |effect| Name { effect, probability: 1.0, equivalent: Vec::new(), next_experiment: None };
-                let names = carried.map(name).into_iter().collect();
+                let names = carried.map(Name::without_rivals).into_iter().collect();
                 (Verdict::Unrecognised, step, names)
             }
             (None, Some(n)) => {
@@ -117,10 +116,10 @@ impl Search<'_> {
             }
             (None, None) => (Verdict::None, before.clone(), Vec::new()),
         };
-        let next_experiment = match chosen {
-            Some(n) if verdict == Verdict::Ambiguous => found.steps[n].next_experiment(),
-            _ => None,
-        };
+        let tie = chosen.filter(|_| verdict == Verdict::Ambiguous).map(|n| &found.steps[n]);
+        let next_experiment = tie.and_then(Step::next_experiment);
+        // what was compared first may be another name, which is certain by now
+        let ranking = tie.and_then(Step::ranking_of_tie).unwrap_or_else(|| found.ranking.clone());
         let effects = self.added(&step.fit, &names)?;
         let balances = if effects.is_empty() {
             balance_p_values(first, first, &effects)
@@ -135,7 +134,7 @@ impl Search<'_> {
         Ok(Diagnosis {
             verdict,
             effects,
-            ranking: std::mem::take(&mut found.ranking),
+            ranking,
             balances,
             explained: if verdict == Verdict::None { 1.0 } else { explained_share(&parts_before, &parts_after) },
             shows: first.shows(),

@@ -83,7 +83,7 @@ mod tests {
         let (without, point) = named.without(0);
         let reference = fit(&problem, &without, point, Effort::default()).unwrap();
         let search = Search::new(&[], &Declared { problem: &problem, fit: &reference, component: &component }, &|_| ());
-        let name = Name { effect: plain, probability: 1.0, equivalent: Vec::new(), next_experiment: None };
+        let name = Name::without_rivals(plain);
         let step = Step { silent: true, ..search.step(named, vec![name]).unwrap() };
         let before = step.fit.cost;
         let best = search.in_best_form(step).unwrap();

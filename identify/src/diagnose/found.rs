@@ -18,8 +18,29 @@ pub(super) struct Name {
     pub probability: f64,
     /// Sets of ids that explain the data as well.
     pub equivalent: Vec<String>,
-    /// The run that would tell it from them, where there are any.
+    /// The run that would tell it from them, where there are any,
     pub next_experiment: Option<String>,
+    /// and the candidates that it was compared with, best first.
+    pub ranked: Vec<Ranked>,
+}
+
+impl Name {
+    /// One that nothing else explains.
+    pub fn without_rivals(effect: &'static dyn Effect) -> Self {
+        Name { effect, probability: 1.0, equivalent: Vec::new(), next_experiment: None, ranked: Vec::new() }
+    }
+
+    /// The ranking that leads with it and with what explains the data as well.
+    fn tie_first(&self) -> Vec<Ranked> {
+        tie_first(self.effect.header().id, &self.equivalent, &self.ranked)
+    }
+}
+
+/// Candidates with those of a tie first: `own` or a set with it, and those that are equivalent to it.
+fn tie_first(own: &str, equivalent: &[String], ranked: &[Ranked]) -> Vec<Ranked> {
+    let is_tied = |r: &Ranked| r.id.split('+').any(|id| id == own) || equivalent.contains(&r.id);
+    let (tied, others): (Vec<Ranked>, Vec<Ranked>) = ranked.iter().cloned().partition(is_tied);
+    tied.into_iter().chain(others).collect()
 }
 
 /// A model with what was added, fitted to the whole.
@@ -44,7 +65,16 @@ impl Step {
 
     /// The run that would tell a name from its rivals, where there are any: of the last name that has some.
     pub fn next_experiment(&self) -> Option<String> {
-        self.names.iter().rev().find_map(|name| name.next_experiment.clone())
+        self.tied().and_then(|name| name.next_experiment.clone())
+    }
+
+    /// The candidates of that name, it and its rivals first.
+    pub fn ranking_of_tie(&self) -> Option<Vec<Ranked>> {
+        self.tied().map(Name::tie_first)
+    }
+
+    fn tied(&self) -> Option<&Name> {
+        self.names.iter().rev().find(|name| name.next_experiment.is_some())
     }
 }
 
@@ -87,5 +117,24 @@ impl Found {
                 *own = other;
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_ranking_leads_with_those_that_can_t_be_told_apart_whichever_round_they_are_of() {
+        let ranked = |id: &str, probability: f64| Ranked { id: id.to_owned(), probability };
+        let all = [ranked("pump_lag", 0.5), ranked("tilt", 0.3), ranked("backlash", 0.1), ranked("torque_cubic", 0.1)];
+        let ids = |own: &str, equivalent: &[&str]| -> Vec<String> {
+            let equivalent: Vec<String> = equivalent.iter().map(|id| (*id).to_owned()).collect();
+            tie_first(own, &equivalent, &all).into_iter().map(|r| r.id).collect()
+        };
+        assert_eq!(ids("torque_cubic", &["tilt"]), ["tilt", "torque_cubic", "pump_lag", "backlash"]);
+        assert_eq!(ids("pump_lag", &["tilt"]), ["pump_lag", "tilt", "backlash", "torque_cubic"]);
+        let sets = [ranked("tilt", 0.6), ranked("pump_lag+end_stop", 0.4)];
+        assert_eq!(tie_first("end_stop", &[], &sets)[0].id, "pump_lag+end_stop");
     }
 }

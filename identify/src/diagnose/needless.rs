@@ -94,8 +94,7 @@ mod tests {
         let mut search = Search::new(&[], &base, &|_| ());
         search.brief = problem.shortened(8.0);
         let brief = search.nested(&fit).unwrap();
-        let name = |effect| Name { effect, probability: 1.0, equivalent: Vec::new(), next_experiment: None };
-        let step = search.step(fit, named.map(name).to_vec()).unwrap();
+        let step = search.step(fit, named.map(Name::without_rivals).to_vec()).unwrap();
         let left = search.without_needless(&step, &brief).unwrap().unwrap_or(step);
         left.ids().into_iter().collect()
     }

@@ -95,7 +95,8 @@ impl Search<'_> {
                 let id = effect.header().id;
                 let set = beside(id);
                 let next_experiment = next(&best.fit, &set)?;
-                let name = Name { effect, probability: probability(id), equivalent: equivalent(&set), next_experiment };
+                let (probability, equivalent) = (probability(id), equivalent(&set));
+                let name = Name { effect, probability, equivalent, next_experiment, ranked: ranked.clone() };
                 let other = self.step(fit, vec![second.clone(), name])?;
                 found.learn(self.problem, &other.residual);
                 if self.accepts(found, &step, &other, best)? {
@@ -113,7 +114,8 @@ impl Search<'_> {
             probability: probability(own),
             equivalent: equivalent(&set),
             next_experiment: next(&brief, &set)?,
-            ..first.clone()
+            ranked: ranked.clone(),
+            effect: first.effect,
         };
         let names = step.names.iter().map(|n| if n.effect.header().id == own { seen.clone() } else { n.clone() });
         Ok((Step { names: names.collect(), ..step }, brief))

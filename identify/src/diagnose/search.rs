@@ -192,6 +192,7 @@ impl<'a> Search<'a> {
             probability: ranked.iter().find(|r| r.id == best.added.join("+")).map_or(0.0, |r| r.probability),
             equivalent: rivals.iter().map(|r| r.added.join("+")).collect(),
             next_experiment: next_experiment.clone(),
+            ranked: ranked.clone(),
         }));
         let step = self.step(fit, names)?;
         found.learn(self.problem, &step.residual);

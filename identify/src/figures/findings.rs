@@ -55,10 +55,12 @@ pub fn verdict(d: &Diagnosis) -> String {
         Verdict::Ambiguous => {
             let candidates: Vec<String> =
                 ranking(&d.ranking).iter().take(4).map(|c| format!("{} ({:.2})", c.id, c.probability)).collect();
-            format!(
-                "There is a structured residual, but the data can't tell the leading candidates apart: {}.",
-                candidates.join(", ")
-            )
+            let apart = d.effects.iter().filter(|a| a.equivalent.is_empty()).map(|a| a.effect.header().id);
+            let beside = match apart.collect::<Vec<_>>()[..] {
+                [] => "There is a structured residual".to_owned(),
+                ref certain => format!("There is a structured residual beside {}", certain.join(" and ")),
+            };
+            format!("{beside}, but the data can't tell the leading candidates apart: {}.", candidates.join(", "))
         }
         Verdict::Unrecognised => {
             let balance = d.effects.first().map_or("", |a| a.effect.header().balance.as_str());

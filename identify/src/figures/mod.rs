@@ -71,7 +71,15 @@ impl Subject<'_> {
         self.after().unwrap_or(&self.identified.fit)
     }
 
-    /// How that model is called in legends.
+    /// The model that is handed on, as `model.toml` holds it, with what it knows of its parameters: that with what was added where that is named.
+    pub fn handed_on(&self) -> (&Fit, &Uncertainty) {
+        match (self.diagnosis, self.uncertainty_after) {
+            (Some(d), Some(uncertainty)) if d.verdict == Verdict::Attributed => (&d.after, uncertainty),
+            _ => (&self.identified.fit, self.uncertainty),
+        }
+    }
+
+    /// How the last model is called in legends.
     pub fn last_name(&self) -> String {
         match self.diagnosis {
             Some(d) if d.verdict != Verdict::None => {

@@ -8,13 +8,15 @@ use crate::figures::text::number;
 use crate::figures::torque_form::Comparison;
 use crate::layout::FREE;
 
-/// How many parameters are known, which of them are hardly other than zero, and the least certain of the others.
+/// How many parameters of the model that is handed on are known, which of them stand at their bounds or are hardly other than zero, and the least certain of
+/// the others.
 pub(super) fn parameters(subject: &Subject) -> String {
-    let fit = &subject.identified.fit;
+    let (fit, uncertainty) = subject.handed_on();
     let values = fit.layout.parameters(&fit.point.theta).to_vector();
-    let std = |p: usize| subject.uncertainty.of_parameter(p).map(|std| (std, p));
+    let std = |p: usize| uncertainty.of_parameter(p).map(|std| (std, p));
     let known: Vec<(f64, usize)> = FREE.iter().filter_map(|&p| std(p)).collect();
-    let (clear, zero): (Vec<_>, Vec<_>) = known.iter().partition(|(std, p)| values[*p].abs() > 2.0 * std);
+    let (at_bound, inside): (Vec<_>, Vec<_>) = known.iter().partition(|(_, p)| fit.layout.is_at_bound(*p, values[*p]));
+    let (clear, zero): (Vec<_>, Vec<_>) = inside.into_iter().partition(|(std, p)| values[*p].abs() > 2.0 * std);
     let share = |&(std, p): &(f64, usize)| (std / values[p].abs(), p);
     let worst = clear.iter().map(share).max_by(|a, b| a.0.total_cmp(&b.0));
     let least = worst.map_or(String::new(), |(s, p)| {
@@ -25,7 +27,12 @@ pub(super) fn parameters(subject: &Subject) -> String {
         0 => String::new(),
         _ => format!("; not told from zero: {}", zero.join(", ")),
     };
-    format!("{} of {} base parameters are determined{least}{not_told}.", known.len(), FREE.len())
+    let at_bound: Vec<&str> = at_bound.iter().map(|(_, p)| NAMES[*p]).collect();
+    let bounded = match at_bound.len() {
+        0 => String::new(),
+        _ => format!("; at the bound of what is physical, so not to be relied on: {}", at_bound.join(", ")),
+    };
+    format!("{} of {} base parameters are determined{least}{not_told}{bounded}.", known.len(), FREE.len())
 }
 
 /// How many checks hold, and those that fail.
@@ -39,8 +46,9 @@ pub(super) fn checks(subject: &Subject) -> String {
     let named = if failed.is_empty() { String::new() } else { format!(" Failed: {}", failed.join("; ")) };
     let rest = if more > 0 { format!("; and {more} more") } else { String::new() };
     let end = if failed.is_empty() { "" } else { "." };
+    let of = if subject.after().is_some() { " of the model without what was added" } else { "" };
     format!(
-        "Consistency checks: {holds} hold, {fails} fail, {open} can't be judged by this campaign.{named}{rest}{end}"
+        "Consistency checks{of}: {holds} hold, {fails} fail, {open} can't be judged by this campaign.{named}{rest}{end}"
     )
 }
 

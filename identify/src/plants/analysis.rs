@@ -15,7 +15,7 @@ use crate::noise::{mean, white_std};
 use crate::plant::{Plant, Quantity};
 use crate::prepare::Stretch;
 use crate::problem::Problem;
-use crate::uncertainty::Uncertainty;
+use crate::simplify::uncertainty_of_simplified;
 
 /// What can go wrong from a file to findings.
 #[derive(Debug, thiserror::Error)]
@@ -187,7 +187,7 @@ pub fn analyse(
         diagnosis.verdict = verdict(&diagnosis);
     }
     let errors = |fit: &Fit| -> Result<Vec<f64>, SimulationError> {
-        let uncertainty = Uncertainty::of(&problem, fit)?;
+        let uncertainty = uncertainty_of_simplified(&problem, fit)?;
         Ok((0..fit.layout.len()).map(|i| uncertainty.of_entry(i)).collect())
     };
     let (declared_std, after_std) = (errors(&declared).map_err(fitting)?, errors(&diagnosis.after).map_err(fitting)?);

@@ -11,7 +11,7 @@ use crate::problem::Problem;
 use crate::refit::{Bases, advantage, refit};
 use crate::score::{Direction, Scene};
 use crate::surrogate::p_of_selected;
-use crate::uncertainty::Uncertainty;
+use crate::simplify::uncertainty_of_simplified;
 
 /// Level at which an added effect must beat the surrogates of everything that it was chosen from.
 const LEVEL: f64 = 0.01;
@@ -96,7 +96,7 @@ pub(super) fn keep_what_beats_surrogates(
     if !diagnosis.effects.is_empty() && total > 0.0 {
         diagnosis.explained = 1.0 - misfit::total(&diagnosis.parts_after) / total;
     }
-    let uncertainty = Uncertainty::of(problem, &diagnosis.after)?;
+    let uncertainty = uncertainty_of_simplified(problem, &diagnosis.after)?;
     let layout = &diagnosis.after.layout;
     for a in &mut diagnosis.effects {
         let id = a.effect.header().id;

@@ -7,7 +7,7 @@ mod past;
 use blocks::{Means, stops};
 use imposed::{CLOSE, STEPS, Secant, impose_sensitivity};
 use model::effects::EffectSet;
-use model::integrate::{Integrator, Seeds, Sensitivity, SimulationError, Trail};
+use model::integrate::{Integrator, Seeds, Sensitivity, SimulationError, Trail, have_room};
 use model::port::PortKind;
 use model::rec::{self, Input, Lever, STATES, state};
 use model::scalar::{Scalar, Tangent};
@@ -184,6 +184,7 @@ pub fn predict(
     initial: &[f64],
 ) -> Result<Vec<f64>, SimulationError> {
     let (k, effects) = layout.expand(theta);
+    have_room(STATES + effects.states)?;
     let mut run = Run::start(stretch, &k, &effects, initial);
     let mut means = Means::new();
     let mut out = Vec::with_capacity(stretch.targets.len());
@@ -209,6 +210,7 @@ pub fn predict_rows(
     initial: &[f64],
 ) -> Result<Vec<[f64; 5]>, SimulationError> {
     let (k, effects) = layout.expand(theta);
+    have_room(STATES + effects.states)?;
     let mut run = Run::start(stretch, &k, &effects, initial);
     let mut out = Vec::with_capacity(stretch.rows());
     for i in 0..stretch.rows() {
@@ -235,6 +237,7 @@ pub fn linearise(
     let columns = layout.len();
     let all = columns + 3;
     let states = STATES + effects.states;
+    have_room(states)?;
     let seeds = Seeds::new(states, columns, |lane| {
         let dual: Vec<Tangent> = theta
             .iter()

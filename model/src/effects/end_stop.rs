@@ -57,15 +57,18 @@ impl Law for EndStop {
     }
 
     fn is_itself(&self, k: &[f64]) -> bool {
-        begins_near_an_end(k)
+        begins_near_an_end(k[2])
     }
 }
 
 /// What would begin nearer to the middle than `phi_c` may lie, where a fit ends at that bound or just within it, is no contact with an end, but something
 /// that acts throughout the stroke.
-fn begins_near_an_end(k: &[f64]) -> bool {
-    k[2] > EndStop::HEADER.parameters[2].lower + WITHIN_DEG
+fn begins_near_an_end(at_deg: f64) -> bool {
+    at_deg > EndStop::HEADER.parameters[2].lower + WITHIN_DEG
 }
+
+/// A size below this share of the other end's says nothing of where its end begins.
+const NO_CONTACT: f64 = 0.01;
 
 /// How near to its bound `phi_c` stands at it, deg.
 const WITHIN_DEG: f64 = 0.5;
@@ -113,8 +116,11 @@ impl Law for Progressive {
         });
     }
 
+    /// Each end that presses: where one alone does, `phi_c` and `e` by themselves say nothing.
     fn is_itself(&self, k: &[f64]) -> bool {
-        begins_near_an_end(k)
+        let most = k[0].max(k[1]);
+        let ends = [(k[0], k[2] + k[4]), (k[1], k[2] - k[4])];
+        ends.into_iter().all(|(size, at_deg)| size < NO_CONTACT * most || begins_near_an_end(at_deg))
     }
 }
 

@@ -199,6 +199,17 @@ fn effects_are_themselves_at_their_starts_and_a_stop_in_the_middle_of_the_stroke
         assert_eq!(stop.is_itself(&[1.0, 1.0, phi_c_deg]), is_stop, "{phi_c_deg}");
         assert_eq!(general.is_itself(&[1.0, 1.0, phi_c_deg, 10.0, 0.0, 0.0, 0.1]), is_stop, "{phi_c_deg}");
     }
+    // its ends are phi_c + e and phi_c - e, and where one alone presses only that one is known
+    for (k1, k2, phi_c_deg, e_deg, is_stop) in [
+        (1.0, 0.0, 16.9, -13.1, false),
+        (1.0, 0.0, 15.0, 9.0, true),
+        (0.0, 1.0, 20.0, 15.0, false),
+        (1.0, 1.0, 25.0, 6.0, true),
+        (1.0, 1.0, 18.0, 6.0, false),
+    ] {
+        let k = [k1, k2, phi_c_deg, 2.0, e_deg, 0.0, 0.01];
+        assert_eq!(general.is_itself(&k), is_stop, "{k:?}");
+    }
 }
 
 #[test]
