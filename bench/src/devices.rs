@@ -18,6 +18,14 @@ use rt_core::{Device, SafeState, Switches};
 /// The I/O threads' priority lies below the loop's by this much: the loop preempts them.
 const IO_BELOW: u8 = 5;
 
+/// Who does the operator's part: an emulated rig does it itself, one on wires where its rig file maps an automatic fixture.
+pub fn hands_of(spec: &DeviceSpec) -> Hands {
+    match spec {
+        DeviceSpec::Wired(settings) if settings.can.fixture.is_none() => Hands::People,
+        DeviceSpec::Wired(_) | DeviceSpec::Emulated(_) => Hands::Rig,
+    }
+}
+
 /// See the module.
 pub enum Devices {
     /// In this process, in any time.

@@ -8,6 +8,7 @@ use crate::devices::Devices;
 use crate::failure::{Failure, Kind};
 use crate::interrupt;
 use crate::progress::Progress;
+use crate::recorder::OnFull;
 use crate::rig_file::RigRecord;
 use crate::runner::Mode;
 use crate::setup::Knowledge;
@@ -127,6 +128,8 @@ pub fn record(dir: &Path, truth: &ModelFile, seed: u64, progress: &Progress) -> 
         seed,
         notes: [("device".to_owned(), "emulated rig".to_owned())].into(),
         mode: Mode::Lockstep,
+        // In virtual time the run is over in a moment, and lost samples end the campaign then.
+        on_full: OnFull::GoOn,
     };
     let described = RigRecord::of_emulated(&settings.name, &settings.rig, &settings.limits);
     let mut session = Session::create(settings, progress)?;

@@ -20,7 +20,8 @@ fn main() -> ExitCode {
     // A panic is a defect: its message stands on stderr already, the exit code must still be the documented one.
     let outcome = catch_unwind(AssertUnwindSafe(|| run(&cli, &progress)))
         .unwrap_or_else(|_| Err(Failure::new(Kind::Internal, "internal error, see above; please report it")));
-    match outcome {
+    // A failure of the command itself comes first.
+    match outcome.and_then(|()| progress.taken()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             progress.say(&format!("error: {failure}"));

@@ -3,6 +3,7 @@
 use crate::failure::{Failure, Kind};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{self, IsTerminal, Write};
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 /// All progress of a command. Clones share the screen.
@@ -12,6 +13,8 @@ pub struct Progress {
     terminal: bool,
     /// Results go to stderr too: stdout holds something else.
     aside: bool,
+    /// Why stdout did not take a result, the first time.
+    refused: Arc<OnceLock<String>>,
 }
 
 /// A line at the bottom, for what is being typed; nothing where stderr is no terminal.
@@ -32,7 +35,7 @@ impl Progress {
 
     fn new(terminal: bool) -> Self {
         let target = if terminal { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
-        Progress { bars: MultiProgress::with_draw_target(target), terminal, aside: false }
+        Progress { bars: MultiProgress::with_draw_target(target), terminal, aside: false, refused: Arc::default() }
     }
 
     /// The same where `json` takes stdout: what is meant for people goes to stderr then, results included.
@@ -40,16 +43,13 @@ impl Progress {
         Progress { aside: self.aside || json, ..self.clone() }
     }
 
-    /// A result for scripts, as indented JSON on stdout.
+    /// A result for scripts, as indented JSON on stdout. Where stdout does not take it, [`Progress::taken`] says so.
     ///
     /// # Errors
     /// It can't be written as JSON, which is a defect (1).
     pub fn json(&self, value: &impl serde::Serialize) -> Result<(), Failure> {
         let text = serde_json::to_string_pretty(value).map_err(|e| Failure::of(Kind::Internal, &e))?;
-        self.bars.suspend(|| {
-            // As in `result`.
-            let _ = writeln!(io::stdout(), "{text}");
-        });
+        self.out(&text);
         Ok(())
     }
 
@@ -87,15 +87,39 @@ impl Progress {
         }
     }
 
-    /// A line on stdout, where the results go, without tearing the bars.
+    /// A line on stdout, where the results go, without tearing the bars. Where stdout does not take it, [`Progress::taken`] says so.
     pub fn result(&self, line: &str) {
         if self.aside {
             return self.say(line);
         }
+        self.out(line);
+    }
+
+    fn out(&self, text: &str) {
         self.bars.suspend(|| {
-            // A closed pipe must not panic; the files hold the results too.
-            let _ = writeln!(io::stdout(), "{line}");
+            let mut stdout = io::stdout().lock();
+            let written = writeln!(stdout, "{text}").and_then(|()| stdout.flush());
+            // Who closes a pipe has read enough. Anything else is a result that is lost; what the command does to a rig, and its files, must
+            // not suffer from that, so it is told at its end.
+            if let Err(error) = written
+                && error.kind() != io::ErrorKind::BrokenPipe
+            {
+                // The first refusal is the cause of those that follow.
+                let _ = self.refused.set(error.to_string());
+            }
         });
+    }
+
+    /// Whether stdout took all results.
+    ///
+    /// # Errors
+    /// It did not (2).
+    pub fn taken(&self) -> Result<(), Failure> {
+        let Some(error) = self.refused.get() else { return Ok(()) };
+        let message = format!(
+            "stdout: expected to write the results, got \"{error}\"; make room where it leads to, or redirect it to another file, and repeat the command"
+        );
+        Err(Failure::new(Kind::Input, message))
     }
 }
 

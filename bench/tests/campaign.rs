@@ -61,6 +61,7 @@ fn settings(dir: PathBuf) -> Settings {
         seed: 7,
         notes: [("device".to_owned(), "echo".to_owned())].into(),
         mode: bench::runner::Mode::Lockstep,
+        on_full: bench::recorder::OnFull::GoOn,
     }
 }
 

@@ -3,7 +3,7 @@
 use bench::commands::COMMANDS;
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 
 fn bench(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_bench"))
@@ -90,6 +90,38 @@ fn bad_usage_is_2_and_help_is_0() {
         assert_eq!(output.status.code(), Some(0), "{arguments:?}");
         assert!(!output.stdout.is_empty());
     }
+}
+
+#[test]
+fn a_result_that_stdout_does_not_take_is_no_success_and_a_pipe_that_is_closed_is_one() {
+    let dir = folder(&[]);
+    let recording = dir.path().join("a.mcap");
+    let instance = format!("test-full-stdout-{}", std::process::id());
+    let run = ["run", "square_h", "--json", "--out", text(&recording), "--instance", &instance];
+    let commands = [
+        &run[..],
+        &["ls", text(dir.path())],
+        &["profile", "show", "square_h"],
+        &["profile", "list", "--json"],
+        &["completions", "bash"],
+    ];
+    for arguments in commands {
+        let full = fs::File::options().write(true).open("/dev/full").expect("Linux has it");
+        let mut command = Command::new(env!("CARGO_BIN_EXE_bench"));
+        let output = command.args(arguments).stdout(full).env_remove("RUST_LOG").output().expect("it starts");
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
+        assert!(said.contains("error: stdout: expected to write the results, got \"No space left"), "{said}");
+        assert!(said.matches("error: ").count() == 1 && !said.contains("panicked"), "{said}");
+    }
+    assert!(recording.exists(), "the run came to its end all the same");
+
+    let mut command = Command::new(env!("CARGO_BIN_EXE_bench"));
+    command.args(["completions", "bash"]).stdout(Stdio::piped()).stderr(Stdio::piped()).env_remove("RUST_LOG");
+    let mut child = command.spawn().expect("it starts");
+    drop(child.stdout.take());
+    let output = child.wait_with_output().expect("a child");
+    assert_eq!((output.status.code(), stderr(&output)), (Some(0), String::new()));
 }
 
 #[test]
@@ -199,6 +231,37 @@ fn simulate_refuses_what_is_no_model_or_no_start() {
 }
 
 #[test]
+fn simulate_overwrites_nothing_and_says_so_before_it_works() {
+    let dir = folder(&[
+        ("model.toml", MODEL.as_bytes()),
+        ("run.csv", run_csv(1.0).as_bytes()),
+        ("other.csv", "kept".as_bytes()),
+    ]);
+    let at = |name: &str| dir.path().join(name).to_str().expect("UTF-8").to_owned();
+    let (model, run) = (at("model.toml"), at("run.csv"));
+    let simulate = |model: &str, out: &str, words: &[&str]| {
+        refused(&["simulate", model, &run, "--plane", "horizontal", "--out", &at(out)], 2, words);
+    };
+    for out in ["run.csv", "other.csv"] {
+        simulate(&model, out, &[out, "got one that exists", "nothing is overwritten"]);
+    }
+    assert_eq!(fs::read_to_string(&run).expect("there"), run_csv(1.0));
+    assert_eq!(fs::read_to_string(at("other.csv")).expect("there"), "kept");
+    // Not even the model is read before the name is right.
+    simulate("nowhere.toml", "run.mcap", &["--out", "run.mcap", "ends in .csv or .csv.gz"]);
+    simulate("nowhere.toml", "other.csv", &["nothing is overwritten"]);
+    simulate(&model, "out.parquet", &["out.parquet", "ends in .csv or .csv.gz"]);
+    let words = ["run.csv", "expected --plane horizontal or --plane vertical", "a CSV file does not say"];
+    refused(&["simulate", &model, &run, "--out", &at("out.csv")], 2, &words);
+    assert_eq!(fs::read_dir(dir.path()).expect("there").count(), 3, "nothing half-written");
+    // Packed by its name.
+    let packed = at("out.csv.gz");
+    let output = bench(&["simulate", &model, &run, "--plane", "horizontal", "--out", &packed]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert!(fs::read(&packed).expect("written").starts_with(&[0x1f, 0x8b]), "gzip");
+}
+
+#[test]
 fn effects_act_only_when_asked_for() {
     let with = format!("{MODEL}[[effect]]\nid = \"tilt\"\nparameters = {{ s = 0.5, c = 0.0 }}\n");
     let dir = folder(&[
@@ -208,7 +271,9 @@ fn effects_act_only_when_asked_for() {
     ]);
     let at = |name: &str| dir.path().join(name).to_str().expect("UTF-8").to_owned();
     let simulate = |model: &str, more: &[&str]| {
-        let (model, run, out) = (at(model), at("run.csv"), at("out.csv"));
+        // A name of its own each time: nothing is overwritten.
+        let out = at(&format!("{model}{}.csv", more.concat()));
+        let (model, run) = (at(model), at("run.csv"));
         let mut arguments = vec!["simulate", &model, &run, "--plane", "horizontal", "--out", &out];
         arguments.extend(more);
         let output = bench(&arguments);

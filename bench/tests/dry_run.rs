@@ -2,7 +2,7 @@
 
 use bench::dry_run::{Prediction, predict};
 use bench::emulation::{draw, rig_for};
-use bench::rig_file::{DeviceSpec, EMULATED, Rig};
+use bench::rig_file::{DeviceSpec, EMULATED, Rig, WIRED};
 use bench::simulation::added_effects;
 use drivers::EmulatedRig;
 use drivers::emulated::{Noise, Settings};
@@ -279,6 +279,41 @@ fn a_time_out_is_reported_with_its_step_and_what_was_left() {
         assert_eq!(timeout.waited[0].left, Some(at.angle_deg), "the angle that was still too small");
     }
     assert_eq!(prediction.timeouts[1].place.with, "pass 2 of 2");
+}
+
+/// The wired rig without an automatic fixture: people confirm.
+fn operated_by_people() -> Rig {
+    let begin = WIRED.find("[can.fixture]").expect("it has one");
+    let end = begin + WIRED[begin..].find("\n\n").expect("more follows");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("rigs");
+    Rig::parse(&format!("{}{}", &WIRED[..begin], &WIRED[end..]), "people.toml", &folder).expect("fits")
+}
+
+#[test]
+fn a_step_that_drives_until_people_confirm_is_predicted_for_as_long_as_it_may_last() {
+    let (alone, people) = (emulated(), operated_by_people());
+    let model = plant(&alone);
+    let step = "[[step]]\noperator = \"Look whether it leaks\"\nvoltage_u_max = 0.2\n";
+    let open = script(step);
+    let angle = |prediction: &Prediction| prediction.peak(Channel::Angle).expect("measured").most.value;
+    let prediction = predicted(&open, &people, model);
+    assert_eq!((prediction.ticks, prediction.failed.as_deref()), (60_000, None));
+    let remarks = prediction.remarks();
+    assert!(remarks.len() == 1 && remarks[0].contains("UNTIL PEOPLE CONFIRM: predicted for 60.0 s"), "{remarks:?}");
+    let most_deg = angle(&prediction);
+    assert!(most_deg > 20.0, "{most_deg}");
+
+    let narrow = under(&open, "angle_max_deg = 5.0");
+    let trip = predicted(&narrow, &people, model).trip.expect("people may take their time");
+    assert_eq!((trip.trip.channel, trip.step), (Channel::Angle, 0));
+    // Nobody is asked there.
+    let at_once = predicted(&narrow, &alone, model);
+    assert_eq!((at_once.ticks, at_once.trip, at_once.open_ended.len()), (1, None, 0));
+    let timed = predicted(&script(&format!("{step}timeout_s = 0.05\n")), &people, model);
+    assert_eq!((timed.ticks, timed.trip, timed.open_ended.len()), (50, None, 0));
+    // What is done at rest is done at once.
+    let rests = predicted(&script("[[step]]\noperator = \"Weigh it\"\n"), &people, model);
+    assert_eq!((rests.ticks, rests.remarks().len()), (1, 0));
 }
 
 #[test]

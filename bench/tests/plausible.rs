@@ -211,6 +211,73 @@ fn where_nothing_is_left_the_sensor_is_the_error() {
     }
 }
 
+/// Every so many rows of a run.
+fn seldom(r: &mut Recording, rows: usize) {
+    let keep: Vec<bool> = (0..r.len()).map(|i| i.is_multiple_of(rows)).collect();
+    let columns = [
+        &mut r.time_s,
+        &mut r.voltage_v,
+        &mut r.angle_deg,
+        &mut r.pressure1_bar,
+        &mut r.pressure2_bar,
+        &mut r.torque_nm,
+        &mut r.volume_ml,
+    ];
+    let kept = || keep.iter().copied();
+    for column in columns {
+        let mut kept = kept();
+        column.retain(|_| kept.next() == Some(true));
+    }
+    for valve in [&mut r.brake_open, &mut r.bypass_open] {
+        let mut kept = kept();
+        valve.retain(|_| kept.next() == Some(true));
+    }
+    let mut kept = kept();
+    r.segment.retain(|_| kept.next() == Some(true));
+}
+
+#[test]
+fn slow_experiments_may_be_read_twice_a_second_and_a_free_lever_may_not() {
+    let (campaign, recordings) = drawn(3, &[]);
+    let rows_s = |r: &Recording| (r.time_s[r.len() - 1] - r.time_s[0]) / r.len() as f64;
+    let thinned = |protocol: Protocol| {
+        let mut recordings = recordings.clone();
+        let run = at(&campaign, protocol);
+        let rows = (0.5 / rows_s(&recordings[run])).round() as usize;
+        seldom(&mut recordings[run], rows);
+        (run, recordings)
+    };
+    for protocol in [Protocol::TorqueMap, Protocol::ClampSteps] {
+        let (run, recordings) = thinned(protocol);
+        examine(&mut campaign.clone(), &mut recordings.clone()).unwrap_or_else(|e| panic!("{protocol}: {e}"));
+        // the same times in ms
+        let mut wrong = recordings;
+        scale(&mut wrong[run].time_s, 1e3);
+        let said = examine(&mut campaign.clone(), &mut wrong).unwrap_err().to_string();
+        assert!(said.contains("in ms: multiply it by 1e-3"), "{protocol}: {said}");
+    }
+    let (_, mut swinging) = thinned(Protocol::SquareWave);
+    let said = examine(&mut campaign.clone(), &mut swinging).unwrap_err().to_string();
+    assert!(said.contains("time_s") && said.contains("swing"), "{said}");
+}
+
+#[test]
+fn the_bench_of_the_pump_may_stand_at_any_pressure() {
+    let (mut campaign, mut recordings) = drawn(3, &[]);
+    let mut bench: Vec<usize> =
+        (0..recordings.len()).filter(|&n| campaign.runs[n].protocol == Protocol::PumpMap).collect();
+    // one port at the pressure of a load, the other one below the ambient; then as many such runs as there are others
+    recordings[bench[0]].pressure1_bar.fill(19.9);
+    recordings[bench[0]].pressure2_bar.fill(0.6);
+    examine(&mut campaign.clone(), &mut recordings.clone()).unwrap();
+    while bench.len() * 2 <= recordings.len() + 1 {
+        campaign.runs.push(campaign.runs[bench[0]].clone());
+        recordings.push(recordings[bench[0]].clone());
+        bench.push(recordings.len() - 1);
+    }
+    examine(&mut campaign, &mut recordings).unwrap();
+}
+
 #[test]
 fn an_unusual_rig_passes() {
     // large, slow, sampled at 100 Hz, at twice the pressure

@@ -281,3 +281,19 @@ fn silence_and_a_bad_instance_are_errors_that_say_what_to_do() {
     let said = fails(&"x".repeat(300));
     assert!(said.contains("LinkError") && said.contains("can't subscribe"), "{said}");
 }
+
+/// Whoever asks for more than the service has is refused, whoever comes first makes it: both have the same numbers.
+#[test]
+fn the_client_asks_for_what_the_service_has() {
+    let service = include_str!("../../rt-core/src/link.rs");
+    let client = include_str!("../clients/python/rec_bench/subscriber.py");
+    let number = |text: &str, name: &str| {
+        let lines = text.lines().map(|line| line.trim_start_matches("pub ").trim_start_matches("const "));
+        let value =
+            lines.filter_map(|line| line.strip_prefix(name)?.split_once("= ")).map(|(_, value)| value.to_owned());
+        value.map(|value| value.trim_end_matches(';').to_owned()).next().unwrap()
+    };
+    for name in ["BUFFER_SAMPLES", "MAX_SUBSCRIBERS", "MAX_PUBLISHERS", "MAX_NODES"] {
+        assert_eq!(number(client, name), number(service, name), "{name}");
+    }
+}

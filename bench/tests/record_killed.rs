@@ -40,6 +40,7 @@ impl Reference for Rest {
             index: 0,
             last: false,
             waiting: None,
+            hands_on: false,
         }
     }
 }

@@ -80,6 +80,21 @@ fn a_run_in_real_time_that_can_not_be_recorded_ends_and_does_not_hang() {
 }
 
 #[test]
+fn a_name_that_is_taken_is_refused_before_anything_is_begun() {
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    for (there, what) in [("a.mcap", "never overwritten"), ("a.mcap.part", "bench recover")] {
+        let there = dir.path().join(there);
+        std::fs::write(&there, "a measurement").expect("a temporary folder");
+        let file = dir.path().join("a.mcap").display().to_string();
+        let run = output(&["run", "square_h", "--out", &file, "--instance", &instance("taken")]);
+        assert_eq!(run.status.code(), Some(2), "{}", stderr(&run));
+        assert!(stderr(&run).contains(what) && stderr(&run).contains("--out"), "{}", stderr(&run));
+        assert_eq!(std::fs::read_to_string(&there).expect("still there"), "a measurement");
+        std::fs::remove_file(&there).expect("it is there");
+    }
+}
+
+#[test]
 fn a_run_in_virtual_time_is_replayed_bit_for_bit_and_a_changed_bit_is_found() {
     let dir = tempfile::tempdir().expect("a temporary folder");
     let recording = dir.path().join("random_a.mcap");
@@ -232,10 +247,21 @@ fn a_killed_service_leaves_a_readable_part_and_nothing_that_blocks_the_next_star
     assert!(again.status.success(), "{}", stderr(&again));
 }
 
+/// Fills the disk of a run once it has begun to record into this file. A limit of file sizes stands for the disk. Not before: shared memory is
+/// files too.
+fn fill_disk(run: &mut Running, part: &Path) {
+    while !part.exists() {
+        assert!(run.0.try_wait().expect("a child").is_none(), "the run ended by itself");
+    }
+    let pid = rustix::process::Pid::from_child(&run.0);
+    let full = rustix::process::Rlimit { current: Some(100_000), maximum: Some(100_000) };
+    rustix::process::prlimit(Some(pid), rustix::process::Resource::Fsize, full).expect("it is ours");
+}
+
 #[test]
 fn a_full_disk_is_told_and_leaves_a_readable_recording() {
     let dir = tempfile::tempdir().expect("a temporary folder");
-    for (on_full, code) in [("go-on", 6), ("stop", 130)] {
+    for on_full in ["go-on", "stop"] {
         let file = dir.path().join(format!("{on_full}.mcap"));
         let profile = profile(dir.path(), 6, "");
         let instance = instance(&format!("full-{on_full}"));
@@ -243,24 +269,48 @@ fn a_full_disk_is_told_and_leaves_a_readable_recording() {
         let mut command = bench(&[&args[..], &["--on-full", on_full]].concat());
         let mut run =
             Running(command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("the program starts"));
-        while !file.with_extension("mcap.part").exists() {
-            assert!(run.0.try_wait().expect("a child").is_none(), "the run ended by itself");
-        }
-        // A limit of file sizes stands for the disk. Not before: shared memory is files too.
-        let pid = rustix::process::Pid::from_child(&run.0);
-        let full = rustix::process::Rlimit { current: Some(100_000), maximum: Some(100_000) };
-        rustix::process::prlimit(Some(pid), rustix::process::Resource::Fsize, full).expect("it is ours");
+        fill_disk(&mut run, &file.with_extension("mcap.part"));
         let mut said = String::new();
         run.0.stderr.take().expect("piped").read_to_string(&mut said).expect("text");
         let follows = if on_full == "stop" { "the run is stopped" } else { "the run goes on unrecorded" };
         assert!(said.contains(follows), "{said}");
-        assert_eq!(run.0.wait().expect("a child").code(), Some(code), "{on_full}: {said}");
+        assert!(said.contains("on the emulated rig (no --rig)"), "{said}");
+        // Nobody wanted the end of the run: it is a loss, and the last words say of which disk.
+        assert_eq!(run.0.wait().expect("a child").code(), Some(6), "{on_full}: {said}");
+        let error = said.lines().last().expect("an error");
+        assert_eq!(
+            error.contains("was stopped for it") && error.contains(&file.display().to_string()),
+            on_full == "stop",
+            "{error}"
+        );
         // What was written before is there, closed, and certified as a part of the run.
         let mut reader = McapReader::open(&file).expect("a recording");
         let sound = reader.by_ref().filter(|item| matches!(item, Ok(Item::Sample(_)))).count();
         assert!(sound > 100, "{sound} samples");
         assert!(reader.certificate().is_some_and(|certificate| !certificate.is_lossless()), "closed, and not whole");
     }
+}
+
+#[test]
+fn a_full_disk_ends_a_campaign_which_goes_on_once_there_is_room() {
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    let (profile, campaign) = (profile(dir.path(), 6, ""), dir.path().join("campaign"));
+    let out = campaign.display().to_string();
+    let args = ["campaign", "--realtime", "--out", &out, &profile];
+    let mut command = bench(&args);
+    let mut run = Running(command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("the program starts"));
+    fill_disk(&mut run, &campaign.join("short.mcap.part"));
+    let mut said = String::new();
+    run.0.stderr.take().expect("piped").read_to_string(&mut said).expect("text");
+    assert_eq!(run.0.wait().expect("a child").code(), Some(6), "{said}");
+    for words in ["on the emulated rig (no --rig)", "; the run is stopped", "was stopped for it", "is set aside as"] {
+        assert!(said.contains(words), "{words:?} is missing in: {said}");
+    }
+    assert!(!campaign.join("short.mcap").exists(), "what is not whole is no run of the campaign");
+
+    let again = output(&args);
+    assert!(again.status.success(), "{}", stderr(&again));
+    assert!(samples(&campaign.join("short.mcap")).len() > 5000);
 }
 
 #[test]
@@ -302,6 +352,11 @@ fn bad_usage_is_exit_code_2_and_says_what_to_do() {
         (vec!["run", "squarewave"], "square_h"),
         (vec!["run", "square_h", "--require-rt"], "--realtime"),
         (vec!["run", "square_h", "--rig", "nowhere.toml"], "nowhere.toml"),
+        (vec!["run", "square_h", "--instance", "a/b"], "instance name \"a/b\""),
+        (vec!["stop", "--instance", "a/b"], "instance name \"a/b\""),
+        (vec!["run", "."], "expected a script (*.toml), got \"Is a directory"),
+        (vec!["profile", "check", "."], "name one of the scripts in this folder"),
+        (vec!["run", "square_h", "--seed", "-1"], "expected a whole number from 0"),
         (vec!["replay", "nowhere.mcap"], "nowhere.mcap"),
     ] {
         let run = output(&args);

@@ -2,9 +2,12 @@
 
 mod serve_client;
 
-use serve_client::{Live, Service, bench, samples, wait_for};
+use serve_client::{Live, PATIENCE, Service, bench, samples, wait_for};
 use std::collections::BTreeSet;
+use std::io::{self, Read, Write};
+use std::net::TcpStream;
 use std::os::fd::AsRawFd;
+use std::os::unix::process::CommandExt;
 use std::process::Stdio;
 use std::thread;
 use std::time::Duration;
@@ -133,4 +136,70 @@ fn a_run_of_another_process_is_shown_and_can_be_stopped() {
     assert_eq!(service.state()["run"]["number"], 2, "every run has its number");
     service.done("/arm", "{}");
     wait_for("a run after it", || (service.state()["last"]["outcome"] == "completed").then_some(()));
+}
+
+#[test]
+fn downloads_that_take_nothing_hold_up_no_other_request() {
+    let service = Service::start(&["--control"]);
+    // More than the buffers of both ends; a download asks for no more than the name.
+    let content: Vec<u8> = (0..8 << 20).map(|at: u32| (at % 251) as u8).collect();
+    std::fs::create_dir_all(service.data()).expect("a temporary folder");
+    std::fs::write(service.data().join("large.mcap"), &content).expect("a temporary folder");
+    let begun = || {
+        let mut client = TcpStream::connect(&service.address).expect("it is taken up");
+        client.set_read_timeout(Some(PATIENCE)).expect("a socket");
+        let asked = "GET /api/v1/runs/large/recording HTTP/1.1";
+        write!(client, "{asked}\r\nHost: {}\r\nConnection: close\r\n\r\n", service.address).expect("it is asked");
+        let mut status = [0; 12];
+        client.read_exact(&mut status).expect("it answers");
+        assert_eq!(&status, b"HTTP/1.1 200");
+        client
+    };
+    // More than the service has threads for what waits.
+    let mut stalled = [begun(), begun(), begun()];
+    thread::sleep(Duration::from_millis(500));
+
+    let (status, runs) = service.get("/runs");
+    assert_eq!((status, &runs[0]["id"]), (200, &"large".into()), "{runs}");
+    assert_eq!(service.get("/runs/large").0, 500, "it is no recording, and that is said");
+    assert_eq!(service.post("/confirm", "{}").0, 409, "nobody asks for anything");
+
+    // Who goes on gets it all.
+    let mut rest = Vec::new();
+    stalled[0].read_to_end(&mut rest).expect("the rest");
+    assert!(rest.ends_with(&content), "{} bytes of {}", rest.len(), content.len());
+}
+
+#[test]
+fn clients_that_say_nothing_keep_nobody_from_stopping_nor_a_run_from_starting() {
+    // Of 256 files the service itself needs some 60.
+    let few_files = || {
+        let limit = libc::rlimit { rlim_cur: 256, rlim_max: 256 };
+        // SAFETY: a plain system call with a valid argument.
+        if unsafe { libc::setrlimit(libc::RLIMIT_NOFILE, &raw const limit) } == 0 {
+            Ok(())
+        } else {
+            Err(io::Error::last_os_error())
+        }
+    };
+    let service = Service::start_with(&["--control"], |command| {
+        // SAFETY: between fork and exec it only sets a limit; it allocates nothing.
+        unsafe { command.pre_exec(few_files) };
+    });
+    let mut silent: Vec<TcpStream> =
+        (0..300).map(|_| TcpStream::connect(&service.address).expect("the system takes it up")).collect();
+    assert_eq!(service.done_at_last("/emergency-stop", "{}")["service"]["state"], "tripped");
+    // Those that found no place are closed, the others when they have said nothing for long enough.
+    for client in &mut silent {
+        client.set_read_timeout(Some(PATIENCE)).expect("a socket");
+        let end = client.read(&mut [0]).map_err(|error| error.kind());
+        assert!(matches!(end, Ok(0) | Err(io::ErrorKind::ConnectionReset)), "it was not left: {end:?}");
+    }
+    service.done("/acknowledge", "{}");
+    service.run("short");
+    let last = wait_for("the run's end", || {
+        let last = service.state()["last"].clone();
+        last["outcome"].is_string().then_some(last)
+    });
+    assert_eq!(last["outcome"], "completed", "{last}");
 }

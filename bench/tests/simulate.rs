@@ -1,5 +1,10 @@
 //! `bench simulate` is the reference model and nothing else: bit for bit what the integrator gives at 0.25 ms.
 
+#![allow(clippy::unwrap_used, reason = "a test")]
+
+mod exchange;
+
+use exchange::{Flaws, record, refused, text};
 use model::effects::{EffectSet, find};
 use model::integrate::Integrator;
 use model::parameters::AddedEffect;
@@ -106,4 +111,28 @@ fn the_effects_of_the_file_act_as_in_the_library() {
     let effects = EffectSet::new(STATES, [(lag, vec![0.02])]);
     same_bits(&simulated(&model, "horizontal", &["--with-effects"]), &integrated(&model, &effects, false));
     same_bits(&simulated(&model, "horizontal", &[]), &integrated(&model, &EffectSet::none(), false));
+}
+
+#[test]
+fn a_recording_says_itself_which_experiment_it_is_and_in_which_plane() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    std::fs::write(at("model.toml"), ModelFile::plain(Parameters::example()).to_toml()).unwrap();
+    // Vertical, and no run of random steps.
+    record(&at("run.mcap"), Protocol::SquareWave, 500, Flaws::default());
+    exchange::done(&["export", text(&at("run.mcap")), "--out", text(&at("run.csv"))]);
+    let simulate = |run: &str, out: &str, plane: &[&str]| {
+        let (model, run, out) = (at("model.toml"), at(run), at(out));
+        exchange::done(&[&["simulate", text(&model), text(&run), "--out", text(&out)][..], plane].concat());
+        std::fs::read_to_string(&out).unwrap()
+    };
+    let own = simulate("run.mcap", "own.csv", &[]);
+    assert_eq!(own, simulate("run.mcap", "said.csv", &["--plane", "vertical"]));
+    assert_eq!(own, simulate("run.csv", "vertical.csv", &["--plane", "vertical"]));
+    assert_ne!(own, simulate("run.csv", "horizontal.csv", &["--plane", "horizontal"]));
+
+    let (model, run, out) = (at("model.toml"), at("run.mcap"), at("contradicted.csv"));
+    let arguments = ["simulate", text(&model), text(&run), "--plane", "horizontal", "--out", text(&out)];
+    refused(&arguments, &["run.mcap", "\"vertical\"", "got --plane horizontal", "leave --plane out"]);
+    assert!(!out.exists());
 }

@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector};
 use recordings::Recording;
 
 use crate::noise::mean;
-use crate::prepare::{Channel, Stand, Stretch, segments};
+use crate::prepare::{Channel, Stand, Stretch, is_read, segments};
 use crate::strokes::{Steady, strokes};
 
 /// A clamped point of the torque map, fig. 2.
@@ -63,8 +63,8 @@ pub fn torque_points(r: &Recording) -> Vec<TorquePoint> {
     let mut out = Vec::new();
     for (first, end) in segments(r) {
         let late = end - (end - first).div_ceil(3);
-        let (torque_nm, n) = mean(r.torque_nm[late..end].iter().copied());
-        if n * 2 > end - late && r.time_s[end - 1] - r.time_s[first] > 1.0 {
+        let (torque_nm, _) = mean(r.torque_nm[late..end].iter().copied());
+        if is_read(r, &r.torque_nm, late, end) && r.time_s[end - 1] - r.time_s[first] > 1.0 {
             let (angle_deg, _) = mean(r.angle_deg[late..end].iter().copied());
             let dp = (late..end).map(|i| r.pressure1_bar[i] - r.pressure2_bar[i]);
             out.push(TorquePoint { angle_deg, dp_bar: mean(dp).0, torque_nm });

@@ -2,8 +2,36 @@
 
 /// Standard deviation of the white part of a series' noise: from second differences, which a slow signal hardly enters, in
 /// windows of 64 samples, of which the median counts so that transients do not. `NaN` values are passed over. The step of a
-/// quantised sensor is part of it where the noise dithers it.
+/// quantised sensor is part of it where the noise dithers it. Of a sensor that is slower than the rows, so that hardly three rows in
+/// succession have a value, the values themselves are taken in their succession.
 pub fn white_std(values: &[f64]) -> Option<f64> {
+    white_std_of_adjacent(values).or_else(|| from_differences(between_present(values).into_iter()))
+}
+
+/// The same of rows in succession alone: between others lies what is no noise, a new segment say.
+pub fn white_std_of_adjacent(values: &[f64]) -> Option<f64> {
+    from_differences(values.windows(3).map(|w| w[0] - 2.0 * w[1] + w[2]))
+}
+
+/// What second differences would be of the values that are there, if they were evenly spaced. Where a gap is longer than twice the usual one the
+/// succession is broken.
+fn between_present(values: &[f64]) -> Vec<f64> {
+    let rows: Vec<usize> = (0..values.len()).filter(|&i| values[i].is_finite()).collect();
+    let mut gaps: Vec<f64> = rows.windows(2).map(|w| (w[1] - w[0]) as f64).collect();
+    let longest = 2.0 * median(&mut gaps);
+    let difference = |w: &[usize]| {
+        let (before, behind) = ((w[1] - w[0]) as f64, (w[2] - w[1]) as f64);
+        let whole = before + behind;
+        // what the outer two's straight line leaves at the middle one, and its variance in units of the noise's: 1.5 where the gaps are equal, 6 of a
+        // second difference
+        let left = values[w[1]] - (behind * values[w[0]] + before * values[w[2]]) / whole;
+        let variance = 1.0 + (before * before + behind * behind) / (whole * whole);
+        (before.max(behind) <= longest).then(|| left * (6.0 / variance).sqrt())
+    };
+    rows.windows(3).filter_map(difference).collect()
+}
+
+fn from_differences(differences: impl Iterator<Item = f64>) -> Option<f64> {
     const WINDOW: usize = 64;
     // second differences of white noise correlate by -2/3 and 1/6, so the mean square of 64 of them has 33 degrees of freedom: its
     // median lies 2 % below its mean
@@ -11,8 +39,7 @@ pub fn white_std(values: &[f64]) -> Option<f64> {
     let mut windows = Vec::new();
     let mut sum = 0.0;
     let mut count = 0usize;
-    for w in values.windows(3) {
-        let d = w[0] - 2.0 * w[1] + w[2];
+    for d in differences {
         if d.is_finite() {
             sum += d * d;
             count += 1;
@@ -135,6 +162,32 @@ mod tests {
         let found = white_std(&series).unwrap();
         assert!((found / expected - 1.0).abs() < 0.01, "{found} {expected}");
         assert_eq!(white_std(&[1.0, 2.0]), None);
+    }
+
+    #[test]
+    fn the_noise_of_a_sensor_that_is_slower_than_the_rows_is_found() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(2);
+        let normal = Normal::new(0.0, 0.01).unwrap();
+        let series: Vec<f64> = (0..40_000).map(|i| 3.0 * (i as f64 * 1e-3).sin() + normal.sample(&mut rng)).collect();
+        let thinned = |has: fn(usize) -> bool| -> Vec<f64> {
+            series.iter().enumerate().map(|(i, v)| if has(i) { *v } else { f64::NAN }).collect()
+        };
+        // every other row, two of three, now every fourth and now every sixth, and none for a long time in between
+        let sparse: [fn(usize) -> bool; 4] = [
+            |i| i % 2 == 1,
+            |i| !i.is_multiple_of(3),
+            |i| i.is_multiple_of(10) || i % 10 == 4,
+            |i| i.is_multiple_of(5) && i % 8_000 < 4_000,
+        ];
+        for (n, has) in sparse.into_iter().enumerate() {
+            let values = thinned(has);
+            assert_eq!(white_std_of_adjacent(&values), None);
+            let found = white_std(&values).unwrap();
+            assert!((found / 0.01 - 1.0).abs() < 0.08, "{n}: {found}");
+        }
+        // where rows in succession tell it they alone do
+        let bursts = thinned(|i| i % 100 < 50);
+        assert_eq!(white_std(&bursts), white_std_of_adjacent(&bursts));
     }
 
     #[test]

@@ -211,7 +211,7 @@ impl Problem {
                         .extend((0..targets.len()).filter(|&t| targets[t].channel == channel).map(|t| residuals[n][t]));
                     series.push(f64::NAN);
                 }
-                let factor = crate::noise::white_std(&series).unwrap_or(1.0);
+                let factor = crate::noise::white_std_of_adjacent(&series).unwrap_or(1.0);
                 if factor > 1.1 {
                     for &n in &members {
                         self.std[n][channel.index()] *= factor;

@@ -1,5 +1,6 @@
 //! Parameters of the reference model (docs/CAMPAIGN.md) and their file, `model.toml`.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
@@ -187,26 +188,84 @@ pub struct AddedEffect {
     /// Id out of the library.
     pub id: String,
     /// Values by name, in the units of the library.
-    pub parameters: std::collections::BTreeMap<String, f64>,
+    pub parameters: BTreeMap<String, f64>,
 }
 
 /// `model.toml`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(from = "Tables")]
 pub struct ModelFile {
     /// 1.
     pub format: u32,
-    /// Where it came from.
-    #[serde(default, skip_serializing_if = "std::collections::BTreeMap::is_empty")]
-    pub source: std::collections::BTreeMap<String, String>,
+    /// Where it came from. What another tool wrote there and is no text is passed over.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub source: BTreeMap<String, String>,
     /// The parameters.
     #[serde(flatten)]
     pub parameters: Parameters,
-    /// Standard errors by parameter name; a parameter that the data did not determine is missing here.
-    #[serde(default, skip_serializing_if = "std::collections::BTreeMap::is_empty")]
-    pub std: std::collections::BTreeMap<String, f64>,
-    /// Effects beyond the reference model.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    /// Standard errors by parameter name; a parameter that the data did not determine is missing here. What is no number is passed over.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub std: BTreeMap<String, f64>,
+    /// Effects beyond the reference model. One in another tool's form is here with what could be read of it, and refused where effects are asked for.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub effect: Vec<AddedEffect>,
+}
+
+/// The file as it is read: the parameters by name and not flattened, so that an error knows its line, and whatever a tool added beside them.
+#[derive(Deserialize)]
+struct Tables {
+    format: u32,
+    torque: Torque,
+    capacity: Capacity,
+    displacement: Displacement,
+    pump: Pump,
+    losses: Losses,
+    load: Load,
+    valves: Valves,
+    source: Option<toml::Value>,
+    std: Option<toml::Value>,
+    effect: Option<toml::Value>,
+}
+
+impl From<Tables> for ModelFile {
+    fn from(file: Tables) -> Self {
+        let Tables { format, torque, capacity, displacement, pump, losses, load, valves, source, std, effect } = file;
+        let text = |value: &toml::Value| value.as_str().map(str::to_owned);
+        let effects = match effect {
+            Some(toml::Value::Array(all)) => all.iter().map(AddedEffect::of).collect(),
+            Some(other) => vec![AddedEffect::of(&other)],
+            None => Vec::new(),
+        };
+        ModelFile {
+            format,
+            source: entries(source.as_ref(), text),
+            parameters: Parameters { torque, capacity, displacement, pump, losses, load, valves },
+            std: entries(std.as_ref(), number),
+            effect: effects,
+        }
+    }
+}
+
+impl AddedEffect {
+    /// What can be read of an `[[effect]]`, of whatever tool: no id that is known where there is none that is a text, and no parameters where one of
+    /// them is no number, lest the others be taken for all.
+    fn of(value: &toml::Value) -> Self {
+        let id = value.get("id").and_then(toml::Value::as_str).unwrap_or_default().to_owned();
+        let given = value.get("parameters");
+        let parameters = entries(given, number);
+        let whole = given.and_then(toml::Value::as_table).is_some_and(|table| table.len() == parameters.len());
+        AddedEffect { id, parameters: if whole { parameters } else { BTreeMap::new() } }
+    }
+}
+
+/// A table's entries that can be read so.
+fn entries<T>(table: Option<&toml::Value>, read: impl Fn(&toml::Value) -> Option<T>) -> BTreeMap<String, T> {
+    let all = table.and_then(toml::Value::as_table).into_iter().flatten();
+    all.filter_map(|(name, value)| Some((name.clone(), read(value)?))).collect()
+}
+
+fn number(value: &toml::Value) -> Option<f64> {
+    value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64))
 }
 
 /// Why a model file could not be used.
@@ -292,11 +351,49 @@ mod tests {
     #[test]
     fn a_bad_file_is_named_with_its_line() {
         let text = ModelFile::plain(Parameters::example()).to_toml();
+        for (value, wrong) in [("m3 = 6.8", "m3 = \"6.8\""), ("k_b = 40.0", "k_b = []")] {
+            let line = text.lines().position(|l| l == value).unwrap() + 1;
+            let error = ModelFile::parse(&text.replace(value, wrong), "m.toml").unwrap_err().to_string();
+            assert!(error.starts_with(&format!("m.toml: line {line}: ")), "line {line}: {error}");
+        }
+        assert!(ModelFile::parse(&text.replace("h3 = 0.9\n", ""), "m").unwrap_err().to_string().contains("h3"));
         let bad = text.replace("h2 = -1.5", "h2 = \"x\"");
         let error = ModelFile::parse(&bad, "m.toml").unwrap_err().to_string();
         assert!(error.contains("m.toml: line"), "{error}");
         assert!(ModelFile::parse(&text.replace("format = 1", "format = 2"), "m").is_err());
         assert!(ModelFile::parse(&text.replace("J = 0.085", "J = 0.0"), "m").is_err());
         assert!(ModelFile::parse("format = 1", "m").is_err());
+    }
+
+    #[test]
+    fn what_another_tool_added_is_passed_over() {
+        let plain = ModelFile::plain(Parameters::example());
+        let added = "
+[source]
+campaign = \"rig 7\"
+runs = [\"a.csv\", 2, { tool = 1.0 }]
+[std]
+m1 = 0.1
+m2 = 1
+correlated = [[1.0, 0.2], [0.2, 1.0]]
+[[effect]]
+id = \"pump_lag\"
+parameters = { tau = 0.02 }
+[[effect]]
+id = \"pump_lag\"
+parameters = { tau = 0.02, shape = \"ramp\" }
+[[effect]]
+name = \"something else\"
+parameters = [1.0, 2.0]
+";
+        let read = ModelFile::parse(&(plain.to_toml() + added), "m.toml").unwrap();
+        assert_eq!(read.parameters, plain.parameters);
+        assert_eq!(read.source, BTreeMap::from([("campaign".to_owned(), "rig 7".to_owned())]));
+        assert_eq!(read.std, BTreeMap::from([("m1".to_owned(), 0.1), ("m2".to_owned(), 1.0)]));
+        let known = AddedEffect { id: "pump_lag".into(), parameters: [("tau".to_owned(), 0.02)].into() };
+        let unread = ["pump_lag", ""].map(|id| AddedEffect { id: id.into(), parameters: BTreeMap::new() });
+        assert_eq!((&read.effect[0], &read.effect[1..]), (&known, &unread[..]));
+        let odd = format!("source = \"rig 7\"\nstd = 0.1\neffect = \"none\"\n{}", plain.to_toml());
+        assert_eq!(ModelFile::parse(&odd, "m.toml").unwrap().parameters, plain.parameters);
     }
 }

@@ -42,10 +42,18 @@ pub fn builtin() -> Result<Vec<Script>, ScriptError> {
 /// Why scripts could not be loaded from files.
 #[derive(Debug, thiserror::Error)]
 pub enum LoadError {
-    /// The folder or a file in it could not be read.
-    #[error("{path}: {source}: expected a readable script (*.toml) or folder of scripts")]
+    /// A script could not be read.
+    #[error("{path}: expected a script (*.toml), got \"{source}\"; check the name and the permissions")]
     Read {
-        /// What was to be read.
+        /// The file.
+        path: PathBuf,
+        /// The system's answer.
+        source: std::io::Error,
+    },
+    /// A folder could not be read.
+    #[error("{path}: expected a folder of scripts, got \"{source}\"; check the name and the permissions")]
+    Folder {
+        /// The folder.
         path: PathBuf,
         /// The system's answer.
         source: std::io::Error,
@@ -78,7 +86,7 @@ pub enum LoadError {
 pub fn load_folder(folder: &Path) -> Result<Vec<Script>, LoadError> {
     let read_error = |path: &Path| {
         let path = path.to_owned();
-        move |source| LoadError::Read { path, source }
+        move |source| LoadError::Folder { path, source }
     };
     let mut files = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(read_error(folder))? {

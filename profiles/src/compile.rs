@@ -5,7 +5,9 @@ use crate::controlled::Controlled;
 use crate::error::ScriptError;
 use crate::instruction::{Aim, Instruction, Jump};
 use crate::playback::Playback;
-use crate::script::{Context, Drive, End, FixtureChange, Item, ItemKind, RandomSteps, RandomWave, Script, Wave};
+use crate::script::{
+    Context, Drive, End, FORESEEN_S, FixtureChange, Hold, Item, ItemKind, RandomSteps, RandomWave, Script, Wave,
+};
 use crate::signal::Signal;
 use crate::values::{ticks, ticks_at_least};
 use rand::{Rng, SeedableRng};
@@ -13,12 +15,21 @@ use rand_chacha::ChaCha8Rng;
 
 /// Unrolls the script into instructions.
 pub(crate) fn playback(script: &Script, context: &Context) -> Result<Playback, ScriptError> {
+    unrolled(script, context, false)
+}
+
+/// The same for a prediction, in which nobody is asked.
+pub(crate) fn foreseen(script: &Script, context: &Context) -> Result<Playback, ScriptError> {
+    unrolled(script, context, true)
+}
+
+fn unrolled(script: &Script, context: &Context, foreseen: bool) -> Result<Playback, ScriptError> {
     if !(context.u_max_v.is_finite() && context.u_max_v > 0.0) {
         let what = format!("the rig's largest voltage must be a finite number above 0 V, got {}", context.u_max_v);
         return Err(ScriptError { file: script.file.clone(), line: 1, what });
     }
     let mut instructions = Vec::with_capacity(script.items.len());
-    let mut requests = Requests::new(script, context.hands);
+    let mut requests = Requests::new(script, if foreseen { Hands::Rig } else { context.hands });
     let mut first_of_item = Vec::with_capacity(script.items.len() + 1);
     for item in &script.items {
         first_of_item.push(instructions.len());
@@ -29,10 +40,14 @@ pub(crate) fn playback(script: &Script, context: &Context) -> Result<Playback, S
                     End::Until { any, timeout_s } => (ticks(*timeout_s), any.clone(), false),
                     End::Arrival { any, bound_s } => (ticks_at_least(*bound_s), any.clone(), true),
                     End::Confirmed { any, timeout_s } => match context.hands {
-                        Hands::Rig => (1, Vec::new(), false),
-                        Hands::People => (timeout_s.map_or(1, ticks), any.clone(), false),
+                        Hands::People if !foreseen => (timeout_s.map_or(1, ticks), any.clone(), false),
+                        // The rig is driven for as long as people take, which nobody knows.
+                        Hands::People if drives(hold) => (ticks(timeout_s.unwrap_or(FORESEEN_S)), any.clone(), false),
+                        Hands::People | Hands::Rig => (1, Vec::new(), false),
                     },
                 };
+                let untimed = matches!(&hold.end, End::Confirmed { timeout_s: None, .. });
+                let open_ended = untimed && context.hands == Hands::People && drives(hold);
                 let aim = hold.change.drive.as_ref().map(|drive| aim(drive, script, context, item.line)).transpose()?;
                 let part = requests.of(hold, instructions.len(), item.line);
                 instructions.push(Instruction {
@@ -46,6 +61,7 @@ pub(crate) fn playback(script: &Script, context: &Context) -> Result<Playback, S
                     ticks,
                     any,
                     on_arrival,
+                    open_ended,
                     part,
                     new_segment: hold.new_segment,
                     guard_deg: None,
@@ -64,6 +80,11 @@ pub(crate) fn playback(script: &Script, context: &Context) -> Result<Playback, S
             skips.iter().map(|skip| Jump { when: skip.when.clone(), to: first_of_item[skip.to] }).collect();
     }
     Ok(Playback::new(script.start, instructions, requests.into_list()))
+}
+
+/// Whether the pump has something to do in this hold.
+fn drives(hold: &Hold) -> bool {
+    hold.change.drive.as_ref().is_some_and(|drive| !drive.rests())
 }
 
 fn aim(drive: &Drive, script: &Script, context: &Context, line: usize) -> Result<Aim, ScriptError> {
@@ -157,6 +178,7 @@ fn random(
             ticks: length,
             any: Vec::new(),
             on_arrival: false,
+            open_ended: false,
             part: Part::default(),
             new_segment: true,
             guard_deg: Some(steps.guard_deg),

@@ -1,7 +1,7 @@
 //! Conditions on measured channels: what a hold waits for.
 
 use crate::spread::SpreadWindow;
-use rt_core::{Measurement, PERIOD_NS, Tick};
+use rt_core::{Input, Measurement, PERIOD_NS, Tick};
 use serde::Deserialize;
 use std::fmt;
 
@@ -32,14 +32,19 @@ impl Channel {
         }
     }
 
+    /// The input that it looks at.
+    fn input(self) -> Input {
+        match self {
+            Channel::AngleDeg => Input::Angle,
+            Channel::Pressure1Bar => Input::Pressure1,
+            Channel::Pressure2Bar => Input::Pressure2,
+            Channel::TorqueNm => Input::Torque,
+        }
+    }
+
     /// This channel's value; NaN where it was not measured.
     pub fn of(self, measured: &Measurement) -> f64 {
-        match self {
-            Channel::AngleDeg => measured.angle_deg,
-            Channel::Pressure1Bar => measured.pressure1_bar,
-            Channel::Pressure2Bar => measured.pressure2_bar,
-            Channel::TorqueNm => measured.torque_nm,
-        }
+        measured.value(self.input())
     }
 }
 
@@ -81,6 +86,10 @@ struct Filter {
 
 /// The filters have forgotten their start after this many time constants (their error is below 5 % of the first step).
 const WINDOWS_BEFORE_STEADY: f64 = 5.0;
+/// A reading that is older than this part of the window over which it is judged tells nothing of it: one that stands looks steady.
+const STANDING_SHARE: f64 = 0.1;
+/// Bounds of that age, ns: slow sensors have the first, beyond the second any reading stands.
+const STANDING_NS: (f64, f64) = (20e6, 1e9);
 
 impl Condition {
     pub fn new(channel: Channel, limit: Limit) -> Self {
@@ -98,11 +107,23 @@ impl Condition {
         self.last
     }
 
+    /// Whether the reading is too old for a limit on how the channel changes.
+    fn stands(&self, measured: &Measurement) -> bool {
+        let window_ns = match self.limit {
+            Limit::Above(_) | Limit::Below(_) => return false,
+            Limit::RateBelow { window_s, .. } => window_s * 1e9,
+            Limit::SteadyWithin { ticks, .. } => ticks as f64 * PERIOD_NS as f64,
+        };
+        let (least_ns, most_ns) = STANDING_NS;
+        let age_ns = f64::from(measured.age_ns[self.channel.input() as usize]);
+        age_ns > (STANDING_SHARE * window_ns).clamp(least_ns, most_ns)
+    }
+
     /// Looks at this tick's measurement; to be called at every tick that is run while the condition is waited for. `window` is its own
     /// while its hold lasts, empty when that begins.
     pub fn met(&mut self, now: Tick, measured: &Measurement, window: &mut SpreadWindow) -> bool {
         let value = self.channel.of(measured);
-        if value.is_nan() {
+        if value.is_nan() || self.stands(measured) {
             window.clear();
             return false;
         }
@@ -195,6 +216,24 @@ mod tests {
             let mut window = SpreadWindow::for_ticks(condition.window_ticks());
             assert!((0..100).all(|k| !condition.met(Tick::at(k), &angle(0.0), &mut window)));
             assert_eq!(condition.last(), None, "nothing was compared");
+        }
+    }
+
+    #[test]
+    fn a_reading_that_only_grows_older_is_not_steady() {
+        for limit in [Limit::SteadyWithin { spread: 0.1, ticks: 1000 }, Limit::RateBelow { per_s: 0.1, window_s: 1.0 }]
+        {
+            let met = |age_ns: fn(u64) -> u32| {
+                let mut condition = Condition::new(Channel::AngleDeg, limit);
+                let mut window = SpreadWindow::for_ticks(1000);
+                (0..8000).any(|k| {
+                    let mut measured = angle(3.0);
+                    measured.age_ns[Input::Angle as usize] = age_ns(k);
+                    condition.met(Tick::at(k), &measured, &mut window)
+                })
+            };
+            assert!(met(|k| (k % 50) as u32 * 1_000_000), "{limit:?}: a slow sensor's comes anew");
+            assert!(!met(|k| k.min(4000) as u32 * 1_000_000), "{limit:?}: stands since the beginning");
         }
     }
 

@@ -27,6 +27,8 @@ pub(crate) struct Instruction {
     pub any: Vec<Condition>,
     /// Ends when its ramp has arrived.
     pub on_arrival: bool,
+    /// It drives the pump until people confirm, and has no time of its own.
+    pub open_ended: bool,
     /// What people do in it, where the rig does not.
     pub part: Part,
     pub new_segment: bool,
@@ -48,6 +50,19 @@ pub(crate) struct Aim {
     pub quantity: Controlled,
     pub gain: f64,
     pub signal: Signal,
+}
+
+impl Aim {
+    /// 0 V, for as long as it is in force.
+    pub fn rests(&self) -> bool {
+        rests(self.quantity, &self.signal)
+    }
+}
+
+/// Whether this quantity with this wave is 0 V at any time. A flow of 0 is none: it may need a voltage.
+pub(crate) fn rests(quantity: Controlled, signal: &Signal) -> bool {
+    let voltage = matches!(quantity, Controlled::VoltageV | Controlled::VoltageUMax);
+    voltage && matches!(signal, Signal::Constant(value) if *value == 0.0)
 }
 
 /// Where a loop is left.

@@ -22,6 +22,7 @@ mod instruction;
 mod needs;
 mod outline;
 mod playback;
+mod ramp;
 mod range;
 mod raw;
 mod script;
@@ -40,5 +41,7 @@ pub use error::ScriptError;
 pub use needs::Need;
 pub use outline::OutlineRow;
 pub use playback::Playback;
-pub use script::{ANGLE_LIMIT_DEG, Context, PRESSURE_LIMIT_BAR, Plane, Protocol, RandomSteps, Role, Script};
+pub use script::{
+    ANGLE_LIMIT_DEG, Context, FORESEEN_S, PRESSURE_LIMIT_BAR, Plane, Protocol, RandomSteps, Role, Script,
+};
 pub use timeout::{Place, Timeout, Waited};

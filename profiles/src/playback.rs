@@ -3,11 +3,11 @@
 use crate::ask::{Before, During, Ends, Request, When, needs_hands};
 use crate::condition::Condition;
 use crate::instruction::{Aim, Instruction};
+use crate::ramp::{Ramp, commanded_deg};
 use crate::script::{FixtureChange, State};
 use crate::signal::Signal;
 use crate::spread::SpreadWindow;
 use crate::timeout::{Place, Timeout, Waited};
-use crate::values::ticks_at_least;
 use rt_core::{Fixture, Measurement, Reference, Step, Target, Tick, Waiting};
 
 /// The aim in force.
@@ -21,23 +21,6 @@ struct InForce {
     begin: f64,
     /// The guard changed its sign.
     turned: bool,
-}
-
-/// The lever's ramp under a `driven` fixture.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Ramp {
-    from_deg: f64,
-    to_deg: f64,
-    rate_deg_s: f64,
-}
-
-impl Ramp {
-    fn fixture(&self, ticks: u64) -> Fixture {
-        let way_deg = self.to_deg - self.from_deg;
-        let done_deg = self.rate_deg_s * Tick::at(ticks).seconds();
-        let arrived = done_deg >= way_deg.abs();
-        Fixture::Driven { angle_deg: if arrived { self.to_deg } else { self.from_deg + done_deg.copysign(way_deg) } }
-    }
 }
 
 /// A script bound to a rig and a seed. The same measurements at the same ticks give the same steps; a tick allocates nothing.
@@ -127,7 +110,8 @@ impl Playback {
         &self.requests
     }
 
-    /// Ticks that the run lasts at most, without those in which it waits for people.
+    /// Ticks that the run lasts at most, without those in which it waits for people, or leads a lever back that stands beyond
+    /// [`ANGLE_LIMIT_DEG`](crate::ANGLE_LIMIT_DEG).
     pub fn ticks_bound(&self) -> u64 {
         self.instructions.iter().map(|instruction| instruction.ticks).sum()
     }
@@ -145,6 +129,11 @@ impl Playback {
             waited: i.any.iter().map(waited).collect(),
         };
         struck.map(timeout).collect()
+    }
+
+    /// Whether this unrolled step drives the pump until people confirm, and has no time of its own.
+    pub fn is_open_ended(&self, step: u32) -> bool {
+        self.instructions.get(step as usize).is_some_and(|instruction| instruction.open_ended)
     }
 
     /// Where this unrolled step is written. `None`: there is no such step.
@@ -304,9 +293,10 @@ impl Playback {
                 let from_deg = commanded_deg(&state.fixture)
                     .or(Some(measured.angle_deg).filter(|angle| angle.is_finite()))
                     .unwrap_or(to_deg);
-                self.ramp = Some(Ramp { from_deg, to_deg, rate_deg_s });
+                let ramp = Ramp { from_deg, to_deg, rate_deg_s };
+                self.ramp = Some(ramp);
                 if instruction.on_arrival {
-                    ticks = ticks.min(ticks_at_least((to_deg - from_deg).abs() / rate_deg_s) + 1);
+                    ticks = ramp.ticks();
                 }
             }
             None => {}
@@ -336,6 +326,11 @@ impl Playback {
         }
     }
 
+    /// Whether the target in force is 0 V for as long as it is in force.
+    fn aim_rests(&self) -> bool {
+        self.aim.setter.and_then(|index| self.instructions[index].aim.as_ref()).is_none_or(Aim::rests)
+    }
+
     /// Turns an outward voltage round; where the hold was played before, that is a new set point.
     fn guard(&mut self, guard_deg: f64, now: Tick, played: bool, measured: &Measurement) {
         if let Target::VoltageV(voltage_v) = self.target(now.index)
@@ -362,6 +357,8 @@ impl Reference for Playback {
     }
 
     fn step(&mut self, now: Tick, measured: &Measurement) -> Step {
+        // What the device itself calls wrong decides nothing: it meets no condition, turns no voltage and begins no ramp.
+        let measured = &measured.without_faulty();
         self.advance(now, measured);
         let (index, tick, last) = match self.position {
             Position::Before => (0, now.index, false),
@@ -383,18 +380,8 @@ impl Reference for Playback {
         let at_rest = matches!(self.position, Position::Asking { .. }) || self.theirs.is_some_and(Ends::at_rest);
         let target = if at_rest { Target::VoltageV(0.0) } else { self.target(tick) };
         let State { brake_open, bypass_open, fixture } = self.state;
-        let segment = self.segment.unwrap_or(0);
-        Step { target, brake_open, bypass_open, fixture, segment, index: index as u32, last, waiting: self.asking }
-    }
-}
-
-/// The angle at which the lever was told to be.
-fn commanded_deg(fixture: &Fixture) -> Option<f64> {
-    match *fixture {
-        Fixture::Clamped { angle_deg }
-        | Fixture::Driven { angle_deg }
-        | Fixture::Filled { angle_deg, .. }
-        | Fixture::Released { angle_deg, .. } => Some(angle_deg),
-        Fixture::Free | Fixture::PumpBench { .. } => None,
+        let (segment, index, waiting) = (self.segment.unwrap_or(0), index as u32, self.asking);
+        let hands_on = waiting.is_some() && (at_rest || self.aim_rests());
+        Step { target, brake_open, bypass_open, fixture, segment, index, last, waiting, hands_on }
     }
 }

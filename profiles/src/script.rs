@@ -8,6 +8,7 @@ use crate::controlled::Controlled;
 use crate::envelope::Envelope;
 use crate::error::{ScriptError, Source};
 use crate::expand;
+use crate::instruction::rests;
 use crate::playback::Playback;
 use crate::raw::RawScript;
 use crate::signal::Signal;
@@ -22,6 +23,9 @@ use std::sync::Arc;
 pub const ANGLE_LIMIT_DEG: f64 = 45.0;
 /// Largest pressure, bar absolute, that a script may ask for.
 pub const PRESSURE_LIMIT_BAR: f64 = 8.0;
+
+/// How long a step is foreseen that drives the pump until people confirm and has no time of its own, s.
+pub const FORESEEN_S: f64 = 60.0;
 
 /// The campaign format's protocols.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Deserialize)]
@@ -170,6 +174,15 @@ impl Script {
         compile::playback(self, context)
     }
 
+    /// As [`compile`](Self::compile), for a prediction of the run: nobody is asked, and what people do is done at once. But a step that drives the
+    /// pump until people confirm is played until its own conditions or its `timeout_s` end it, and without one for [`FORESEEN_S`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn foreseen(&self, context: &Context) -> Result<Playback, ScriptError> {
+        compile::foreseen(self, context)
+    }
+
     /// The operator's preparation: what is in force before the first step, at 0 V.
     pub fn start(&self) -> Command {
         let State { brake_open, bypass_open, fixture, .. } = self.start;
@@ -224,6 +237,11 @@ pub(crate) struct Drive {
 impl Drive {
     /// 0 V.
     pub const AT_REST: Drive = Drive { quantity: Controlled::VoltageV, wave: Wave::Fixed(Signal::Constant(0.0)) };
+
+    /// 0 V, for as long as it is in force.
+    pub fn rests(&self) -> bool {
+        matches!(&self.wave, Wave::Fixed(signal) if rests(self.quantity, signal))
+    }
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -314,7 +332,8 @@ pub(crate) enum End {
         any: Vec<Condition>,
         timeout_s: f64,
     },
-    /// When the ramp has arrived, at the latest after `bound_s`; `any` may end it earlier.
+    /// When the ramp has arrived; `any` may end it earlier. That takes up to `bound_s` from where a script may lead a lever; one that stands
+    /// beyond takes as long as its way does.
     Arrival {
         any: Vec<Condition>,
         bound_s: f64,

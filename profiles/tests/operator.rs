@@ -119,6 +119,52 @@ fn a_step_of_the_operators_own_also_ends_by_its_conditions_and_its_time() {
 }
 
 #[test]
+fn people_may_have_their_hands_on_the_rig_where_it_waits_and_rests_and_nowhere_else() {
+    let hands_on = |own: &str| {
+        let script =
+            script(&format!("[[step]]\nvoltage_v = 5.0\nfor_s = 0.01\n[[step]]\noperator = \"Look\"\n{own}\n"));
+        let steps = play(&mut script.compile(&PEOPLE).unwrap(), 300, nothing);
+        assert!(steps.iter().all(|s| !s.hands_on || s.waiting.is_some()));
+        let waits: Vec<&Step> = steps.iter().filter(|s| s.waiting.is_some()).collect();
+        assert_eq!(waits.len(), 300, "{own}");
+        (waits.iter().all(|s| s.hands_on), waits.iter().any(|s| s.hands_on))
+    };
+    for rests in ["", "voltage_v = 0.0", "voltage_u_max = 0.0", "bypass = \"open\"\namount = \"volume_ml\""] {
+        assert_eq!(hands_on(rests), (true, true), "{rests}");
+    }
+    for drives in [
+        "voltage_v = 2.0",
+        "voltage_v = 2.0\ntimeout_s = 5.0",
+        "flow_ml_s = 0.0",
+        // 0 V at some of its ticks.
+        "target = { quantity = \"voltage_v\", wave = \"sine\", amplitude = 2.0, frequency_hz = 5.0 }",
+    ] {
+        assert_eq!(hands_on(drives), (false, false), "{drives}");
+    }
+}
+
+#[test]
+fn a_prediction_plays_a_step_that_drives_until_people_confirm_as_long_as_it_may_last() {
+    let ticks = |context: &Context, own: &str, angle: fn(u64) -> f64| {
+        let script =
+            script(&format!("[[step]]\noperator = \"Look\"\n{own}\n[[step]]\nvoltage_v = 0.0\nfor_s = 0.003\n"));
+        let mut playback = script.foreseen(context).unwrap();
+        assert!(playback.requests().is_empty());
+        let open = playback.is_open_ended(0);
+        let steps = play(&mut playback, 1, |tick| Measurement { angle_deg: angle(tick), ..Measurement::NONE });
+        assert!(steps.iter().all(|s| s.waiting.is_none() && !s.hands_on));
+        (steps.iter().filter(|s| s.index == 0).count(), open)
+    };
+    let still = |_: u64| 0.0;
+    assert_eq!(ticks(&PEOPLE, "voltage_v = 2.0", still), (60_000, true));
+    assert_eq!(ticks(&PEOPLE, "voltage_v = 2.0\ntimeout_s = 0.5", still), (500, false));
+    let until = "voltage_v = 2.0\nuntil = [{ channel = \"angle_deg\", above = 5.0 }]";
+    assert_eq!(ticks(&PEOPLE, until, |tick| tick as f64), (6, true));
+    assert_eq!(ticks(&PEOPLE, "", still), (1, false), "what is done at rest is done at once");
+    assert_eq!(ticks(&RIG, "voltage_v = 2.0", still), (1, false), "nobody has to confirm");
+}
+
+#[test]
 fn a_lever_that_is_led_by_hand_is_led_until_people_say_so_or_a_condition_is_met() {
     let script = script(
         "[[step]]\nfixture = \"driven\"\nangle_deg = 10\nrate_deg_s = 10\nuntil = [{ channel = \"pressure1_bar\", below = 1.7 }]\n\
@@ -169,6 +215,7 @@ fn every_built_in_script_says_what_people_have_to_do_and_comes_to_its_end_with_t
         let steps = play(&mut playback, 5, nothing);
         for step in &steps {
             assert!(step.waiting.is_none() || step.target == Target::VoltageV(0.0), "{name}");
+            assert_eq!(step.hands_on, step.waiting.is_some(), "{name}: the rig rests at every wait");
             if let Some(waiting) = step.waiting {
                 let request = &requests[waiting.request as usize];
                 assert_eq!((request.step, request.amount), (step.index, waiting.amount), "{name}");

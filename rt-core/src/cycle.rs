@@ -158,7 +158,8 @@ impl Cycle<'_> {
         } else {
             supervisor.release(now, wanted(now, &measured, &step, *controller))
         };
-        supervisor.hands_on(step.waiting.is_some());
+        // Where the slew limit holds the pump back from 0 V, the rig does not rest yet.
+        supervisor.hands_on(step.hands_on && command.voltage_v == 0.0);
         self.waiting = step.waiting;
         let control_ns = lap.split(*clock);
         device.write(now, &command)?;

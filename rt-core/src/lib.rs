@@ -20,6 +20,7 @@
 //! | [`announce`] | what a run is, told before its first sample |
 //! | [`relay`] | samples that were carried here from another machine |
 //! | [`presence`] | whether anybody publishes |
+//! | [`transport`] | the folder that the shared-memory services are listed in, and whose it is |
 //! | `leftovers` | shared memory that killed processes left half made |
 //! | [`link`] | names, sizes and errors of the shared-memory services |
 
@@ -48,6 +49,7 @@ pub mod subscribe;
 pub mod supervisor;
 pub mod system;
 pub mod traits;
+pub mod transport;
 pub mod types;
 
 pub use clock::{Clock, Lockstep, RealTime, Wake};

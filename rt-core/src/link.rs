@@ -10,6 +10,7 @@
 //!
 //! Whoever comes first creates a service and fixes its sizes.
 
+use std::path::PathBuf;
 use std::sync::Once;
 use std::time::Duration;
 
@@ -19,6 +20,7 @@ use iceoryx2::service::port_factory::{event, publish_subscribe};
 
 use crate::leftovers::{self, watched};
 use crate::loss::OutOfOrder;
+use crate::transport::{self, Foreign};
 use crate::types::{BeyondRange, SAMPLE_VERSION, Sample};
 
 /// Samples that a subscriber may lag behind before its oldest are overwritten: 8 s in real time.
@@ -82,6 +84,19 @@ pub enum LinkError {
         /// Name of the instance.
         instance: String,
     },
+    /// The transport's folder is another user's.
+    #[error(
+        "instance {instance:?}: expected to use the transport's folder {folder}, got one of {owner}; {}",
+        transport::REMEDY
+    )]
+    Foreign {
+        /// Name of the instance.
+        instance: String,
+        /// The folder.
+        folder: PathBuf,
+        /// Whose it is.
+        owner: String,
+    },
     /// A service or port could not be had.
     #[error(
         "instance {instance:?}: can't {what}: {cause}; processes of one instance must be of the same build, may be \
@@ -137,6 +152,17 @@ pub enum LinkError {
     Ended,
 }
 
+impl LinkError {
+    /// No node could be had, which is where the transport's folder comes in first.
+    pub(crate) fn no_node(instance: &str, cause: &dyn std::fmt::Display) -> LinkError {
+        let instance = instance.to_owned();
+        match transport::foreign() {
+            Some(Foreign { folder, owner }) => LinkError::Foreign { instance, folder, owner },
+            None => LinkError::Open { instance, what: "create a node", cause: cause.to_string() },
+        }
+    }
+}
+
 /// One participant's access to the services of an instance. Not to be sent to another thread: ports are made by the
 /// thread that uses them.
 #[derive(Debug)]
@@ -157,7 +183,7 @@ impl Link {
 
     fn open_watched(instance: &str) -> Result<Link, LinkError> {
         let failed = |what, cause: String| LinkError::Open { instance: instance.to_owned(), what, cause };
-        let node = leftovers::node().map_err(|e| failed("create a node", e.to_string()))?;
+        let node = leftovers::node().map_err(|e| LinkError::no_node(instance, &e))?;
         let name = |part: &str| {
             let name = format!("rec-bench/{instance}/{part}");
             ServiceName::new(&name).map_err(|e| failed("name a service", e.to_string()))

@@ -25,7 +25,7 @@ pub fn is_published(instance: &str) -> Result<bool, LinkError> {
 /// A node, and the name of one of the instance's services. To be called within [`watched`].
 pub(crate) fn participant(instance: &str, service: &str) -> Result<(Node<Ipc>, ServiceName), LinkError> {
     validate_instance(instance)?;
-    let node = leftovers::node().map_err(|e| failed(instance, "create a node", &e))?;
+    let node = leftovers::node().map_err(|e| LinkError::no_node(instance, &e))?;
     let name = ServiceName::new(&format!("rec-bench/{instance}/{service}"));
     Ok((node, name.map_err(|e| failed(instance, "name a service", &e))?))
 }

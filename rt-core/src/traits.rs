@@ -157,8 +157,11 @@ pub struct Step {
     pub index: u32,
     /// This is the run's last tick.
     pub last: bool,
-    /// What the run waits for at this tick: people may have their hands on the rig.
+    /// What the run waits for at this tick.
     pub waiting: Option<Waiting>,
+    /// It waits for people and wants 0 V for as long as that lasts: they may have their hands on the rig. A step that drives the pump while it
+    /// waits is no such.
+    pub hands_on: bool,
 }
 
 /// A quantity for the controller to reach.

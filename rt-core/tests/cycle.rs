@@ -57,7 +57,17 @@ impl Reference for EveryKind {
             _ => Target::AngleDeg { angle_deg: value, velocity_deg_s: 77.0 },
         };
         let (fixture, last) = (Fixture::Free, now.index >= 29);
-        Step { target, brake_open: true, bypass_open: false, fixture, segment: 0, index: 0, last, waiting: None }
+        Step {
+            target,
+            brake_open: true,
+            bypass_open: false,
+            fixture,
+            segment: 0,
+            index: 0,
+            last,
+            waiting: None,
+            hands_on: false,
+        }
     }
 }
 

@@ -29,6 +29,7 @@ impl Reference for LetsGo {
             index: 0,
             last: now.index >= 9,
             waiting: None,
+            hands_on: false,
         }
     }
 }

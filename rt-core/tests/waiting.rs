@@ -17,11 +17,13 @@ use rt_core::{
 struct Asking {
     amount: Option<Amount>,
     confirmed: Option<u64>,
+    /// What it drives with while it waits, V; people keep their hands off then.
+    meanwhile_v: f64,
 }
 
 impl Asking {
     fn new(amount: Option<Amount>) -> Self {
-        Asking { amount, confirmed: None }
+        Asking { amount, confirmed: None, meanwhile_v: 0.0 }
     }
 }
 
@@ -36,7 +38,7 @@ impl Reference for Asking {
     fn step(&mut self, now: Tick, _measured: &Measurement) -> Step {
         let waits = now.index >= 5 && self.confirmed.is_none();
         Step {
-            target: Target::VoltageV(if waits { 0.0 } else { 3.0 }),
+            target: Target::VoltageV(if waits { self.meanwhile_v } else { 3.0 }),
             brake_open: true,
             bypass_open: false,
             fixture: Fixture::Free,
@@ -44,6 +46,7 @@ impl Reference for Asking {
             index: 0,
             last: self.confirmed.is_some_and(|at| now.index >= at + 5),
             waiting: waits.then_some(Waiting { request: REQUEST, amount: self.amount }),
+            hands_on: waits && self.meanwhile_v == 0.0,
         }
     }
 }
@@ -228,6 +231,29 @@ fn hands_on_the_rig_may_move_the_lever_and_unplug_sensors_but_no_limit_of_what_i
     assert_eq!(tripped(|tick| Measurement { angle_deg: if tick < 30 { 2.0 } else { 70.0 }, ..GOOD }, 80), Some(30));
     let silent = |tick| Measurement { heartbeat_age_ns: if tick < 30 { 0 } else { u32::MAX }, ..GOOD };
     assert_eq!(tripped(silent, 80), Some(30));
+}
+
+#[test]
+fn while_the_pump_is_driven_everything_is_judged_though_people_are_asked() {
+    let limits = Limits { missing_max_ticks: 3, aftermath_ticks: 5, velocity_window_ticks: 1, ..Limits::default() };
+    let tripped = |meanwhile_v, limits, measured| {
+        let mut people = People { stop_at: Some(200), ..People::default() };
+        let asking = Asking { meanwhile_v, ..Asking::new(None) };
+        let (samples, _) = drive(asking, &mut people, measured, limits, &mut Lockstep::default());
+        assert!(samples.iter().any(|s| s.waiting()));
+        samples.iter().find(|s| s.tripped()).map(|s| s.tick)
+    };
+    let unplugged = |tick: u64| if tick < 10 { GOOD } else { Measurement::NONE };
+    let moved = |tick: u64| Measurement { angle_deg: if tick < 10 { 0.0 } else { 3.0 * (tick % 9) as f64 }, ..GOOD };
+    let old = |tick: u64| Measurement { age_ns: [if tick < 10 { 0 } else { 90_000_000 }; 5], ..GOOD };
+    let cases: [(fn(u64) -> Measurement, u64); 3] = [(unplugged, 13), (moved, 10), (old, 10)];
+    for (measured, at) in cases {
+        assert_eq!((tripped(2.0, limits, measured), tripped(0.0, limits, measured)), (Some(at), None));
+    }
+    // Up to 0.5 V by tick 4, then down by 0.1 V a tick: until that is over the pump does not rest.
+    let slow = Limits { slew_max_v_s: 100.0, ..limits };
+    assert_eq!(tripped(0.0, slow, |tick| if tick < 5 { GOOD } else { Measurement::NONE }), Some(8));
+    assert_eq!(tripped(0.0, slow, |tick| if tick < 12 { GOOD } else { Measurement::NONE }), None);
 }
 
 #[test]

@@ -11,7 +11,7 @@ use crate::operator;
 use crate::progress::Progress;
 use crate::recorder::OnFull;
 use crate::rig_file::RigRecord;
-use crate::runner::{Mode, Plan, Runner, certify, judge};
+use crate::runner::{Mode, Plan, Runner};
 use crate::setup::Knowledge;
 use drivers::journal::JournalReader;
 use profiles::Script;
@@ -38,6 +38,8 @@ pub struct Settings {
     pub notes: BTreeMap<String, String>,
     /// Where the runs' ticks come from.
     pub mode: Mode,
+    /// When the disk runs full; a stop needs somebody who hears it on the session's instance.
+    pub on_full: OnFull,
 }
 
 /// A run that was recorded without loss.
@@ -77,10 +79,10 @@ impl Session {
     /// # Errors
     /// Those of [`Runner::open`].
     pub fn open(settings: Settings, progress: &Progress) -> Result<Self, Failure> {
-        let Settings { dir, name, rig, limits, seed, notes, mode } = settings;
+        let Settings { dir, name, rig, limits, seed, notes, mode, on_full } = settings;
         // Two campaigns on one machine must not hear each other.
         let instance = format!("campaign-{}", std::process::id());
-        let runner = Runner::open(&instance, limits, mode, OnFull::GoOn, progress)?;
+        let runner = Runner::open(&instance, limits, mode, on_full, progress)?;
         let safe_state = limits.safe_state;
         let campaign = Campaign { dir, name, rig, runs: Vec::new() };
         Ok(Session { campaign, others: Vec::new(), seed, notes, instance, safe_state, runner })
@@ -119,8 +121,7 @@ impl Session {
         let (seed, u_max_v, notes) = (self.seed, self.campaign.rig.u_max_v, &self.notes);
         let plan = Plan { script, seed, u_max_v, knowledge, path: &path, notes };
         let finished = self.runner.run(&plan, device, switches, progress)?;
-        judge(&script.name, &finished.report)?;
-        certify(&script.name, &finished.certificate)?;
+        finished.judge(&script.name)?;
         Ok(Recorded { entry, certificate: finished.certificate })
     }
 

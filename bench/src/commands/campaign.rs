@@ -1,7 +1,7 @@
 //! `bench campaign --out DIR [PROFILE...]`
 
 use super::results::aligned;
-use super::run::{dry_run, listening, profile};
+use super::run::{EMULATED, dry_run, listening, profile};
 use super::time::TimeArgs;
 use crate::campaign::known::Known;
 use crate::campaign::outlook::span;
@@ -13,6 +13,7 @@ use crate::failure::{Failure, Kind};
 use crate::interrupt;
 use crate::operator;
 use crate::progress::Progress;
+use crate::recorder::OnFull;
 use crate::rig_file::{DeviceSpec, Rig};
 use crate::runner::Mode;
 use crate::setup::Knowledge;
@@ -48,8 +49,11 @@ pub struct Args {
     /// Skip the dry runs on the rig's model, which come before the first run on wires
     #[arg(long)]
     no_dry_run: bool,
+    /// When the disk runs full
+    #[arg(long, value_enum, default_value = "stop")]
+    on_full: OnFull,
     /// Seed of the profiles' random steps and of the emulated sensors
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = super::seed)]
     seed: u64,
     /// Print the plan, or the runs that are there at the end, as one JSON object
     #[arg(long)]
@@ -76,6 +80,7 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
         seed: args.seed,
         notes: [("device".to_owned(), rig.name.clone())].into(),
         mode: mode.clone(),
+        on_full: args.on_full,
     };
     // A campaign measures what it needs: of the emulated plant no more is known than of any other.
     let knowledge = match rig.device {
@@ -95,6 +100,9 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
         // Before the plan is written, which says whose time it is.
         let message = "expected real time, got virtual time: a rig on wires has its own time; add --realtime";
         return Err(Failure::new(Kind::Input, message));
+    }
+    if args.rig.is_none() {
+        progress.say(EMULATED);
     }
     let folder = Folder::claim(&dir, &plan)?;
     let others = folder.others(&plan, progress)?;

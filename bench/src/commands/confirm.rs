@@ -2,7 +2,7 @@
 
 use crate::failure::{Failure, Kind};
 use crate::progress::Progress;
-use rt_core::{Amount, Answer, Confirmation, Refusal, RunCommand, send_command};
+use rt_core::{Amount, Answer, Confirmation, Refusal, RunCommand, Waiting, send_command};
 use std::time::Duration;
 
 /// The run answers within a tick; a machine under load a little later.
@@ -20,7 +20,7 @@ pub struct Args {
     #[arg(long, conflicts_with = "volume_ml")]
     show: bool,
     /// Instance that runs
-    #[arg(long, default_value = super::run::INSTANCE)]
+    #[arg(long, default_value = super::run::INSTANCE, value_parser = super::instance)]
     instance: String,
 }
 
@@ -37,7 +37,7 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
         progress.result(&wants);
         return Ok(());
     }
-    let confirmation = Confirmation { request: open.map(|open| open.request), volume_ml: args.volume_ml };
+    let confirmation = answering(open, args.volume_ml)?;
     let answer = send_command(&args.instance, RunCommand::Confirm(confirmation), PATIENCE).map_err(link)?;
     match answer.taken {
         Ok(tick) => {
@@ -49,5 +49,33 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
             Err(Failure::new(Kind::Device, format!("not taken: {refusal}")))
         }
         Err(refusal) => Err(Failure::new(Kind::Input, format!("not taken: {refusal} ({wants})"))),
+    }
+}
+
+/// The confirmation of what was seen to be open. Where nothing was, none is sent: by then it could meet a request that nobody has read.
+///
+/// # Errors
+/// Nothing waits (2).
+fn answering(open: Option<Waiting>, volume_ml: Option<f64>) -> Result<Confirmation, Failure> {
+    match open {
+        Some(Waiting { request, .. }) => Ok(Confirmation { request: Some(request), volume_ml }),
+        None => {
+            let message = format!("not sent: {}", Refusal::NothingWaits);
+            Err(Failure::new(Kind::Input, message))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_request_that_was_seen_is_confirmed() {
+        let open = Some(Waiting { request: 3, amount: None });
+        assert_eq!(answering(open, None), Ok(Confirmation { request: Some(3), volume_ml: None }));
+        let refused = answering(None, Some(1.0)).expect_err("whichever is open by then was not seen");
+        assert_eq!(refused.exit_code(), 2);
+        assert!(refused.message.contains("nothing waits"), "{refused}");
     }
 }

@@ -40,7 +40,7 @@ pub struct Args {
     #[arg(long, default_value_t = 4, requires = "auto")]
     most_runs: usize,
     /// With --auto: seed of the emulated sensors
-    #[arg(long, default_value_t = 1, requires = "auto")]
+    #[arg(long, default_value_t = 1, requires = "auto", value_parser = super::seed)]
     seed: u64,
     /// Print the findings as one JSON object
     #[arg(long, conflicts_with = "auto")]

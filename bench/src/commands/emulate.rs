@@ -51,7 +51,7 @@ pub struct Args {
     #[arg(long)]
     baud: Option<u32>,
     /// Seed of the sensors' noise; run k of a session has that of run k with `bench run --seed`
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = super::seed)]
     seed: u64,
     /// Priority of the rig's thread, SCHED_FIFO, if the system grants it: below the loop's (80) and its I/O threads' (75)
     #[arg(long, default_value_t = 70, value_parser = clap::value_parser!(u8).range(1..=98))]

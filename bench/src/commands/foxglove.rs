@@ -13,7 +13,7 @@ use std::net::SocketAddr;
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Instance to show
-    #[arg(long, default_value = super::run::INSTANCE)]
+    #[arg(long, default_value = super::run::INSTANCE, value_parser = super::instance)]
     instance: String,
     /// Where to listen; port 0: any that is free
     #[arg(long, default_value = "127.0.0.1:8765")]

@@ -3,7 +3,8 @@
 use super::list::{Entry, Example, Group};
 use super::{COMMANDS, Cli};
 use crate::failure::EXIT_CODES;
-use clap::{Command, CommandFactory, FromArgMatches};
+use clap::{Arg, ArgAction, Command, CommandFactory, FromArgMatches};
+use std::any::TypeId;
 
 /// Width at which the list of commands is broken; clap breaks everything else there.
 const COLUMNS: usize = 100;
@@ -23,7 +24,29 @@ pub fn command() -> Command {
         command.mut_subcommand(entry.name, |sub| with_examples(sub, &format!("bench {}", entry.name), entry.examples))
     });
     // The template says the commands itself.
-    with_help.help_template(template).after_help(after())
+    with_negative_numbers(with_help).help_template(template).after_help(after())
+}
+
+/// Lets every option that is a number take `-1`. What is out of range is refused as that then, and not as an option that nobody knows.
+fn with_negative_numbers(command: Command) -> Command {
+    let names: Vec<String> = command.get_subcommands().map(|sub| sub.get_name().to_owned()).collect();
+    let command = names.into_iter().fold(command, |command, name| command.mut_subcommand(name, with_negative_numbers));
+    command.mut_args(|arg| if is_number(&arg) { arg.allow_negative_numbers(true) } else { arg })
+}
+
+/// Whether it is an option whose value is a number.
+fn is_number(arg: &Arg) -> bool {
+    let types = [
+        TypeId::of::<f64>(),
+        TypeId::of::<u8>(),
+        TypeId::of::<u16>(),
+        TypeId::of::<u32>(),
+        TypeId::of::<u64>(),
+        TypeId::of::<usize>(),
+        TypeId::of::<i32>(),
+    ];
+    let takes_value = matches!(arg.get_action(), ArgAction::Set | ArgAction::Append);
+    takes_value && !arg.is_positional() && types.iter().any(|number| arg.get_value_parser().type_id() == *number)
 }
 
 /// The examples of a command that begin with these words; a subcommand has those that are its own.
@@ -163,6 +186,49 @@ mod tests {
         let profile = command.find_subcommand_mut("profile").expect("it is there");
         let check = profile.find_subcommand_mut("check").expect("it is there").render_help().to_string();
         assert!(check.contains("bench profile check my.toml") && !check.contains("bench profile list"), "{check}");
+    }
+
+    #[test]
+    fn a_number_below_zero_is_told_as_what_it_is() {
+        for (line, expected) in [
+            ("bench run square_h --seed -1", "expected a whole number from 0 to 18446744073709551615"),
+            ("bench campaign --plan-only --seed -1", "expected a whole number from 0"),
+            ("bench blind --cases -1", "-1 is not in 1..=100000"),
+            ("bench profile check square_h --seed -1", "expected a whole number from 0"),
+            ("bench service queue square_h --seed -1", "expected a whole number from 0"),
+            ("bench emulate --serial a --can b --priority -5", "-5 is not in 1..=98"),
+            ("bench record --out a.mcap --runs -1", "-1"),
+            ("bench latency --seconds -1", "--seconds"),
+        ] {
+            let error = command().try_get_matches_from(line.split(' ')).expect_err(line).to_string();
+            assert!(error.contains("invalid value '-") && error.contains(expected), "{line}: {error}");
+            assert!(!error.contains("-- -"), "{line}: {error}");
+        }
+        // What is no number stays an option.
+        let error = command().try_get_matches_from(["bench", "run", "square_h", "-1"]).expect_err("none").to_string();
+        assert!(error.contains("unexpected argument"), "{error}");
+    }
+
+    #[test]
+    fn a_name_that_no_instance_can_have_is_bad_usage_everywhere() {
+        let mut asked = 0;
+        for entry in COMMANDS {
+            let example = entry.examples[0].line;
+            let takes = |command: Command, name: &str| {
+                command
+                    .find_subcommand(name)
+                    .is_some_and(|sub| sub.get_arguments().any(|arg| arg.get_id() == "instance"))
+            };
+            if !takes(command(), entry.name) {
+                continue;
+            }
+            asked += 1;
+            let arguments = example.split(' ').chain(["--instance", "a/b"]);
+            let error = command().try_get_matches_from(arguments).expect_err(example);
+            assert_eq!(error.exit_code(), 2);
+            assert!(error.to_string().contains("instance name \"a/b\": expected 1..=64"), "{example}: {error}");
+        }
+        assert!(asked >= 8, "{asked}");
     }
 
     #[test]

@@ -29,7 +29,7 @@ enum End {
 #[derive(Debug, clap::Args)]
 struct ServeArgs {
     /// Instance to serve
-    #[arg(long, default_value = super::run::INSTANCE)]
+    #[arg(long, default_value = super::run::INSTANCE, value_parser = super::instance)]
     instance: String,
     /// Address to listen on, HOST or HOST:PORT; may be repeated
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:7447")]
@@ -48,10 +48,10 @@ struct ConnectArgs {
     /// Address of the rig's end, HOST or HOST:PORT
     address: String,
     /// Instance over there
-    #[arg(long, default_value = super::run::INSTANCE)]
+    #[arg(long, default_value = super::run::INSTANCE, value_parser = super::instance)]
     remote: String,
     /// Instance here
-    #[arg(long, default_value = "remote")]
+    #[arg(long, default_value = "remote", value_parser = super::instance)]
     instance: String,
 }
 

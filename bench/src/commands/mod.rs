@@ -40,6 +40,17 @@ use crate::failure::Failure;
 use crate::progress::Progress;
 use clap::{Parser, Subcommand};
 use list::{Entry, Example, Group, commands};
+use rt_core::link::validate_instance;
+
+/// The name of an instance, as an argument.
+fn instance(word: &str) -> Result<String, String> {
+    validate_instance(word).map(|()| word.to_owned()).map_err(|error| error.to_string())
+}
+
+/// A seed, as an argument.
+fn seed(word: &str) -> Result<u64, String> {
+    word.parse().map_err(|_| format!("expected a whole number from 0 to {}", u64::MAX))
+}
 
 /// Test bench for a hydraulic actuator with rotary elastic chambers: runs experiments, identifies the model, names what it
 /// lacks.
@@ -124,7 +135,7 @@ commands! {
         "bench diagnose --plant silverbox --data snls80mv.csv.gz" => "another plant";
     Simulate(simulate) in Model:
         "bench simulate model.toml run.csv --plane horizontal --out simulated.csv" => "the model alone with a run's voltage and valves",
-        "bench simulate model.toml run.mcap --plane vertical --out with.csv --with-effects" => "with the effects that the file carries";
+        "bench simulate model.toml run.mcap --out with.csv --with-effects" => "with the effects that the file carries";
     Compare(compare) in Model:
         "bench compare a/analysis/model.toml b/analysis/model.toml" => "two campaigns of one rig; 3 where they disagree";
     Blind(blind) in Model:

@@ -27,7 +27,7 @@ const TEXT_SIZE: (u16, u16) = (100, 40);
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Instance to watch
-    #[arg(long, default_value = super::run::INSTANCE)]
+    #[arg(long, default_value = super::run::INSTANCE, value_parser = super::instance)]
     instance: String,
     /// Let the keys `s` stop the run and `E` trip it
     #[arg(long, conflicts_with = "once")]

@@ -21,7 +21,7 @@ pub struct Args {
     #[arg(long)]
     out: PathBuf,
     /// Instance to listen to
-    #[arg(long, default_value = super::run::INSTANCE)]
+    #[arg(long, default_value = super::run::INSTANCE, value_parser = super::instance)]
     instance: String,
     /// End after so many runs; 0: on Ctrl-C only
     #[arg(long, default_value_t = 1)]
@@ -133,7 +133,10 @@ impl Listener for Log<'_> {
 }
 
 /// What would be refused only when the run begins is refused before it does.
-fn check_name(out: &Path) -> Result<(), Failure> {
+///
+/// # Errors
+/// A name that no recording can have, or one that is taken (2).
+pub(super) fn check_name(out: &Path) -> Result<(), Failure> {
     let wrong = |what: &str| Err(Failure::new(Kind::Input, format!("--out {}: {what}", out.display())));
     let part = out.with_extension("mcap.part");
     let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));

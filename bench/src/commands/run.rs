@@ -1,5 +1,6 @@
 //! `bench run PROFILE [--realtime]`
 
+use super::record::check_name;
 use super::time::TimeArgs;
 use crate::devices::Devices;
 use crate::dry_run::predict;
@@ -11,7 +12,7 @@ use crate::over::{OverAtEnd, keep_open};
 use crate::progress::Progress;
 use crate::recorder::{OnFull, first_free};
 use crate::rig_file::{DeviceSpec, Rig};
-use crate::runner::{Finished, Plan, Runner, certify, judge};
+use crate::runner::{Finished, Plan, Runner};
 use crate::setup::Knowledge;
 use crate::timing::Timing;
 use profiles::{BUILTIN, Context, EXAMPLES, Script};
@@ -25,6 +26,9 @@ use std::time::Duration;
 
 /// Instance on which a run is published unless another is named.
 pub const INSTANCE: &str = "bench";
+
+/// Said where the rig is not named and somebody may take it for a real one.
+pub(super) const EMULATED: &str = "on the emulated rig (no --rig)";
 
 /// Where recordings go unless another place is named.
 pub const RECORDINGS: &str = "recordings/data";
@@ -43,13 +47,13 @@ pub struct Args {
     #[arg(long)]
     out: Option<PathBuf>,
     /// Name under which the samples are published
-    #[arg(long, default_value = INSTANCE)]
+    #[arg(long, default_value = INSTANCE, value_parser = super::instance)]
     instance: String,
     /// When the disk runs full
     #[arg(long, value_enum, default_value = "go-on")]
     on_full: OnFull,
     /// Seed of the profile's random steps and of the emulated sensors
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = super::seed)]
     seed: u64,
     /// Nobody is at the rig: a profile that would need people is refused before anything moves
     #[arg(long)]
@@ -87,6 +91,11 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
                 ),
             )
         })?;
+    }
+    // Before people are asked for anything, and before the amplifier is armed.
+    check_name(&path)?;
+    if args.time.realtime && args.rig.is_none() {
+        progress.say(EMULATED);
     }
     if !args.no_dry_run {
         dry_run(&script, &rig, args.seed, progress)?;
@@ -130,8 +139,7 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
     }
     let told = if args.json { stdout.json(&Document::of(&script.name, &path, &finished)) } else { Ok(()) };
     // The exit code is of what happened to the rig, then of what was recorded, then of what came after the run.
-    judge(&script.name, &finished.report)?;
-    certify(&script.name, &finished.certificate)?;
+    finished.judge(&script.name)?;
     closed.and(told)
 }
 
@@ -160,7 +168,7 @@ struct Document<'a> {
 }
 
 impl<'a> Document<'a> {
-    fn of(name: &'a str, path: &Path, Finished { report, certificate, incidents }: &'a Finished) -> Self {
+    fn of(name: &'a str, path: &Path, Finished { report, certificate, incidents, .. }: &'a Finished) -> Self {
         Document {
             name,
             outcome: match report.ended {
@@ -208,6 +216,7 @@ pub(super) fn dry_run(script: &Script, rig: &Rig, seed: u64, progress: &Progress
             "dry run: {duration_s:.1} s, within all limits; nearest is the {name}'s, {percent:.0} % left"
         ));
     }
+    prediction.remarks().iter().for_each(|remark| progress.say(&format!("dry run: {remark}")));
     Ok(())
 }
 
@@ -250,6 +259,9 @@ pub(crate) fn profile(name: &str) -> Result<Script, Failure> {
     }
     Script::read(Path::new(name)).map_err(|error| {
         let mut failure = Failure::of(Kind::Input, &error);
+        if Path::new(name).is_dir() {
+            failure.message.push_str("; name one of the scripts in this folder");
+        }
         if !Path::new(name).exists() {
             let names: Vec<&str> = known().map(|(file, _)| file.trim_end_matches(".toml")).collect();
             failure.message.push_str(&format!("; built in are {}", names.join(", ")));

@@ -30,7 +30,7 @@ pub struct Args {
     #[arg(long, value_name = "NAME")]
     host: Vec<String>,
     /// Name under which runs are published
-    #[arg(long, default_value = super::run::INSTANCE)]
+    #[arg(long, default_value = super::run::INSTANCE, value_parser = super::instance)]
     instance: String,
     /// Take commands, from who has the token
     #[arg(long)]

@@ -17,7 +17,7 @@ pub struct Args {
     #[command(subcommand)]
     what: What,
     /// Instance of the service
-    #[arg(long, global = true, default_value = super::run::INSTANCE)]
+    #[arg(long, global = true, default_value = super::run::INSTANCE, value_parser = super::instance)]
     instance: String,
     /// For scripts
     #[arg(long, global = true)]
@@ -41,7 +41,7 @@ enum What {
         /// Its name
         profile: String,
         /// Seed of its random steps
-        #[arg(long, default_value_t = 1)]
+        #[arg(long, default_value_t = 1, value_parser = super::seed)]
         seed: u64,
     },
     /// Take out of the queue

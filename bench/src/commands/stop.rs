@@ -18,7 +18,7 @@ pub struct Args {
     #[arg(long)]
     emergency: bool,
     /// Instance that runs
-    #[arg(long, default_value = super::run::INSTANCE)]
+    #[arg(long, default_value = super::run::INSTANCE, value_parser = super::instance)]
     instance: String,
 }
 

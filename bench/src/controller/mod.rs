@@ -163,6 +163,7 @@ mod tests {
             index: 0,
             last: false,
             waiting: None,
+            hands_on: false,
         }
     }
 

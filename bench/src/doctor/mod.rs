@@ -94,7 +94,7 @@ pub struct Check {
 }
 
 /// All checks, in the order in which they are said.
-pub const CHECKS: [Check; 17] = [
+pub const CHECKS: [Check; 18] = [
     Check { name: "kernel", look: kernel::preemption },
     Check { name: "high-resolution timers", look: kernel::timer_resolution },
     Check { name: "clock source", look: kernel::clock_source },
@@ -112,6 +112,7 @@ pub const CHECKS: [Check; 17] = [
     Check { name: "CAN", look: can::interfaces },
     Check { name: "disk", look: space::disk },
     Check { name: "shared memory", look: space::shared_memory },
+    Check { name: "transport", look: space::transport },
 ];
 
 /// What a check found, under its name.

@@ -3,6 +3,7 @@
 use super::{Space, Surroundings, Verdict};
 use rt_core::Sample;
 use rt_core::link::{BUFFER_SAMPLES, MAX_SUBSCRIBERS};
+use rt_core::transport::{Foreign, REMEDY};
 
 /// What a recording takes, MB a minute, as measured with 20 channels at 1 kHz.
 pub const MB_A_MINUTE: f64 = 8.1;
@@ -53,6 +54,16 @@ pub(super) fn shared_memory(surroundings: &Surroundings) -> Verdict {
             } else {
                 Verdict::ok(found)
             }
+        }
+    }
+}
+
+/// The folder in which programs find each other's shared memory: the first user's who ran one.
+pub(super) fn transport(surroundings: &Surroundings) -> Verdict {
+    match &surroundings.foreign {
+        None => Verdict::ok("its folder is this user's to use"),
+        Some(Foreign { folder, owner }) => {
+            Verdict::problem(format!("{} is of {owner}, and this user may not use it", folder.display()), REMEDY)
         }
     }
 }

@@ -1,6 +1,7 @@
 //! What the checks look at: files below a root, and the facts that are in none.
 
 use rt_core::system::{Report, Request, prepare_process, prepare_thread};
+use rt_core::transport::{self, Foreign};
 use rustix::fs::{Access, access, statvfs};
 use rustix::time::{ClockId, clock_getres};
 use std::fs::{self, File, OpenOptions};
@@ -93,6 +94,8 @@ pub struct Surroundings {
     pub disk: Result<Space, String>,
     /// /dev/shm, or why that can't be told.
     pub shared_memory: Result<Space, String>,
+    /// The folder of the shared memory's services where another user made it, so that this one may not use it.
+    pub foreign: Option<Foreign>,
     /// Output of `ip -details -json link show`; `None` where there is no `ip`.
     pub ip_links: Option<String>,
     /// What the system granted when it was asked, as the loop will ask.
@@ -108,6 +111,7 @@ impl Surroundings {
             timer_resolution_ns: resolution.tv_sec as u64 * 1_000_000_000 + resolution.tv_nsec as u64,
             disk: space_of(&asked.directory),
             shared_memory: space_of(Path::new("/dev/shm")),
+            foreign: transport::foreign(),
             ip_links: ip_links(),
             trial: trial(),
             asked,

@@ -8,6 +8,7 @@
 
 mod watch;
 
+use crate::devices::hands_of;
 use crate::emulation;
 use crate::failure::{Failure, Kind};
 use crate::rig_file::{DeviceSpec, Rig};
@@ -18,9 +19,10 @@ use drivers::emulated::{Noise, Settings};
 use drivers::faults::Faulty;
 use drivers::journal::JournalReader;
 use model::{ModelFile, Parameters};
-use profiles::{Context, Hands, Need, Place, Script, Timeout};
+use profiles::{Context, Need, Place, Script, Timeout};
 use rt_core::{Channel, Device, Limits, Lockstep, Run, Sample, Stages, Supervisor, Tick, Trip};
 use std::cell::RefCell;
+use std::collections::BTreeMap;
 use watch::{Heard, Watch, Watched};
 
 /// What a dry run predicts.
@@ -39,6 +41,8 @@ pub struct Prediction {
     pub trip: Option<PredictedTrip>,
     /// Holds whose `timeout_s` struck.
     pub timeouts: Vec<Timeout>,
+    /// Steps that drive the pump until people confirm, for as long as they were played: what comes later is not predicted.
+    pub open_ended: Vec<(Place, Played)>,
     /// Why the rig failed before the script's end: the model left the range in which it holds, it was told what no rig can do, or a fault
     /// of the script stopped the amplifier.
     pub failed: Option<String>,
@@ -123,6 +127,23 @@ impl Prediction {
         Some(above.min(below))
     }
 
+    /// What people must know of the steps that last until they confirm: a sentence for each line of the script that has one.
+    pub fn remarks(&self) -> Vec<String> {
+        let mut by_line: BTreeMap<usize, u64> = BTreeMap::new();
+        for (place, played) in &self.open_ended {
+            let most = by_line.entry(place.line).or_default();
+            *most = played.ticks.max(*most);
+        }
+        let sentence = |(line, ticks): (&usize, &u64)| {
+            format!(
+                "line {line} DRIVES THE PUMP UNTIL PEOPLE CONFIRM: predicted for {:.1} s of that, what comes later is not known; confirm by \
+                 then, or give the step a timeout_s",
+                Tick::at(*ticks).seconds()
+            )
+        };
+        by_line.iter().map(sentence).collect()
+    }
+
     /// Whether the run would reach the script's end.
     ///
     /// # Errors
@@ -143,7 +164,8 @@ impl Prediction {
 }
 
 /// Runs `script` on an emulated rig with the parameters and effects of `model`, under the limits, the largest voltage and the
-/// controller of `rig`. The rig does the operator's part at once. `seed` draws the script's random steps and the frames that its faults
+/// controller of `rig`. The operator's part is done at once; but where people confirm, a step that drives the pump until they do is played
+/// as long as [`Script::foreseen`] has it. `seed` draws the script's random steps and the frames that its faults
 /// hit: the real run must use the same.
 ///
 /// # Errors
@@ -177,8 +199,8 @@ fn played(
     let limits =
         script.envelope.narrow(&rig.limits).map_err(|e| Failure::new(Kind::Input, format!("{}: {e}", script.name)))?;
     served(script, &rig.knowledge)?;
-    let context = Context { u_max_v: rig.facts.u_max_v, seed, hands: Hands::Rig };
-    let mut playback = script.compile(&context).map_err(|e| input(&e))?;
+    let context = Context { u_max_v: rig.facts.u_max_v, seed, hands: hands_of(&rig.device) };
+    let mut playback = script.foreseen(&context).map_err(|e| input(&e))?;
     let mut controller = rig.knowledge.controller(script.plane)?;
 
     let mut parameters: Parameters = model.parameters;
@@ -223,6 +245,8 @@ fn played(
         let place = playback.place(step).unwrap_or(Place { line: 1, with: String::new() });
         PredictedTrip { trip, step, place }
     });
+    let open_ended = watch.played.iter().filter(|played| playback.is_open_ended(played.step));
+    let open_ended = open_ended.filter_map(|played| Some((playback.place(played.step)?, *played))).collect();
     let prediction = Prediction {
         limits,
         ticks: watch.ticks,
@@ -230,6 +254,7 @@ fn played(
         played: watch.played,
         trip,
         timeouts: playback.timeouts(),
+        open_ended,
         failed,
     };
     Ok((prediction, samples))

@@ -7,7 +7,7 @@ use super::table::{Block, Column, Values};
 use crate::failure::{Failure, Kind};
 use flate2::Compression;
 use flate2::write::GzEncoder;
-use recordings::{CsvWriter, push_integer, push_number};
+use recordings::{CsvWriter, Recording, push_integer, push_number};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
@@ -19,20 +19,20 @@ const TEXT: usize = 1 << 16;
 /// # Errors
 /// The target exists, the run can't be read to its end, the system refuses (2). Nothing is left behind.
 pub fn write(source: &Source, content: Content, target: &Path) -> Result<PathBuf, Failure> {
-    let output = Output::create(target)?;
-    let gzip = target.to_string_lossy().ends_with(".gz");
-    // No name and no time in the header: the same recording gives the same bytes.
-    let to = if gzip { Stream::Packed(packer(output)) } else { Stream::Plain(output) };
+    let to = Stream::create(target)?;
     let to = if content == Content::Rows { rows(source, to, target)? } else { table(source, content, to, target)? };
-    let output = match to {
-        Stream::Plain(output) => output,
-        Stream::Packed(packer) => packer
-            .into_inner()
-            .map_err(io::IntoInnerError::into_error)
-            .and_then(GzEncoder::finish)
-            .map_err(|e| unwritten(target, &e))?,
-    };
-    output.commit()
+    to.commit(target)
+}
+
+/// Writes the contract's columns of a run that stands in memory.
+///
+/// # Errors
+/// The target exists, the run is none that a reader would take, the system refuses (2). Nothing is left behind.
+pub fn write_run(run: &Recording, target: &Path) -> Result<PathBuf, Failure> {
+    let failed = |e| Failure::of(Kind::Input, &e);
+    let mut writer = CsvWriter::new(Stream::create(target)?, target).map_err(failed)?;
+    writer.write(run).map_err(failed)?;
+    writer.into_inner().commit(target)
 }
 
 type Packer = BufWriter<GzEncoder<Output>>;
@@ -44,6 +44,27 @@ fn packer(output: Output) -> Packer {
 enum Stream {
     Plain(Output),
     Packed(Packer),
+}
+
+impl Stream {
+    fn create(target: &Path) -> Result<Stream, Failure> {
+        let output = Output::create(target)?;
+        let gzip = target.to_string_lossy().ends_with(".gz");
+        // No name and no time in the header: the same recording gives the same bytes.
+        Ok(if gzip { Stream::Packed(packer(output)) } else { Stream::Plain(output) })
+    }
+
+    fn commit(self, target: &Path) -> Result<PathBuf, Failure> {
+        let output = match self {
+            Stream::Plain(output) => output,
+            Stream::Packed(packer) => packer
+                .into_inner()
+                .map_err(io::IntoInnerError::into_error)
+                .and_then(GzEncoder::finish)
+                .map_err(|e| unwritten(target, &e))?,
+        };
+        output.commit()
+    }
 }
 
 impl Write for Stream {

@@ -2,7 +2,7 @@
 //! run's length.
 
 pub mod content;
-mod csv_file;
+pub mod csv_file;
 pub mod export;
 pub mod format;
 pub mod import;

@@ -12,7 +12,7 @@ use crate::interrupt;
 use crate::progress::Progress;
 use crate::recorder::OnFull;
 use crate::rig_file::{DeviceSpec, Rig, RigRecord};
-use crate::runner::{Mode, Plan, Runner, certify, judge};
+use crate::runner::{Mode, Plan, Runner};
 use crate::setup::Knowledge;
 use identify::analysis::Depth;
 use identify::declared::Declared;
@@ -256,8 +256,7 @@ impl Extended {
             runner.run(&plan, &mut *device, switches, progress)?
         };
         runner.finish()?;
-        judge(&script.name, &finished.report)?;
-        certify(&script.name, &finished.certificate)?;
+        finished.judge(&script.name)?;
         progress.result(&format!("recorded: {}, {}", path.display(), finished.certificate));
         self.campaign.runs.push(entry);
         self.campaign.write_toml().map_err(|e| Failure::of(Kind::Input, &e))?;

@@ -224,10 +224,12 @@ fn spelled(limits: &Limits) -> String {
     let Limits {
         pressure_min_bar, pressure_max_bar, angle_max_deg, velocity_max_deg_s, torque_max_nm, age_max_ms, ..
     } = limits;
+    // Where the file gives none it lies a billionth above u_max, which is for the machine.
+    let voltage_max_v = (limits.voltage_max_v * 1e6).round() / 1e6;
     format!(
-        "{pressure_min_bar}..{pressure_max_bar} bar, {angle_max_deg} deg, {velocity_max_deg_s} deg/s, {torque_max_nm} Nm, {:.6} V; values at most \
+        "{pressure_min_bar}..{pressure_max_bar} bar, {angle_max_deg} deg, {velocity_max_deg_s} deg/s, {torque_max_nm} Nm, {voltage_max_v} V; values at most \
          {age_max_ms} ms old, heartbeats {} ms",
-        limits.voltage_max_v, limits.heartbeat_max_ms
+        limits.heartbeat_max_ms
     )
 }
 

@@ -1,9 +1,10 @@
 //! Runs one script after the other on a rig: the loop in real time or in lockstep, its samples over shared memory, the logger's
 //! recordings, the flight recorder's incidents. A campaign and a single run are the same to it.
 
+mod full;
 mod judged;
 
-pub use judged::{certify, judge};
+pub use judged::{Finished, judge};
 
 use crate::events::{aftermath, events_of, timeouts_of};
 use crate::failure::{Failure, Kind};
@@ -12,21 +13,22 @@ use crate::logger::{self, Logger};
 use crate::machine;
 use crate::operator::{self, Crier, People};
 use crate::progress::Progress;
-use crate::recorder::{OnFull, ask_to_stop};
+use crate::recorder::OnFull;
 use crate::rig_file::RigRecord;
 use crate::setup::{Knowledge, Setup};
 use drivers::journal::{Journal, JournalReader, Occurrence, Severity};
-use judged::{failure_of, rig_first, say_refusals};
+use full::StoppedFor;
+use judged::{failure_of, not_begun, of_link, rig_first, say_refusals};
 use profiles::{Hands, Script};
 use recordings::RunMetadata;
 use rt_core::announce::Announcer;
 use rt_core::system::{self, ProcessGuard, Report, Request};
 use rt_core::{
-    Clock, Device, FlightLog, FlightRecorder, Limits, Lockstep, LossCertificate, Operator, Pace, Publication, RealTime,
-    Run, RunReport, Stages, Supervisor, Switches,
+    Clock, Device, FlightLog, FlightRecorder, Limits, Lockstep, Operator, Pace, Publication, RealTime, Run, Stages,
+    Supervisor, Switches,
 };
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::str::FromStr;
 use std::sync::mpsc;
 use std::thread;
@@ -69,17 +71,6 @@ pub struct Plan<'a> {
     pub notes: &'a BTreeMap<String, String>,
 }
 
-/// A run that came to its end, whatever that was.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Finished {
-    /// What the loop says.
-    pub report: RunReport,
-    /// What the recording holds of it.
-    pub certificate: LossCertificate,
-    /// What the flight recorder left.
-    pub incidents: Vec<PathBuf>,
-}
-
 /// Publication, logger, supervisor and flight recorder of an instance.
 pub struct Runner {
     mode: Mode,
@@ -92,6 +83,7 @@ pub struct Runner {
     people: Journal,
     // Before the publication: a logger that leaves first is not waited for.
     logger: Logger,
+    stopped_for: StoppedFor,
     publication: Publication,
     flight: FlightRecorder,
     flown: FlightLog,
@@ -122,7 +114,7 @@ impl Runner {
             Mode::Lockstep => None,
             Mode::RealTime { request, .. } => Some(system::prepare_process(request)),
         };
-        let link = |e| Failure::of(Kind::Device, &e);
+        let link = |e| of_link(&e);
         let publication = match &mode {
             Mode::Lockstep => Publication::start(instance, Pace::LOCKSTEP),
             Mode::RealTime { request, .. } => {
@@ -135,17 +127,8 @@ impl Runner {
             }
         };
         let publication = publication.map_err(link)?;
-        let (said, instance_to_stop) = (progress.clone(), instance.to_owned());
-        let logger = Logger::start_with(instance, move |cut| {
-            let follows = match on_full {
-                OnFull::GoOn => "the run goes on unrecorded".to_owned(),
-                OnFull::Stop => match ask_to_stop(&instance_to_stop) {
-                    Ok(()) => "the run is stopped".to_owned(),
-                    Err(error) => format!("the run could not be stopped: {error}"),
-                },
-            };
-            said.say(&format!("{cut}; {follows}"));
-        });
+        let stopped_for = StoppedFor::default();
+        let logger = Logger::start_with(instance, stopped_for.on_cut(on_full, instance, progress));
         let logger = logger.map_err(|e| failure_of(&e))?;
         publication.wait_for_loggers(1, PATIENCE).map_err(link)?;
         let announcer = Announcer::start(instance).map_err(link)?;
@@ -159,6 +142,7 @@ impl Runner {
             hands: Hands::Rig,
             people: journals.journal(operator::SOURCE),
             logger,
+            stopped_for,
             publication,
             flight,
             flown,
@@ -212,7 +196,7 @@ impl Runner {
     ///
     /// # Errors
     /// The script does not fit the rig, or wants limits wider than the rig's, or people in virtual time (2), the device failed (4), the recording could not be written (6). A trip, a stop and
-    /// losses are no error here: see [`judge`] and [`certify`].
+    /// losses are no error here: see [`Finished::judge`].
     pub fn run(
         &mut self,
         plan: &Plan<'_>,
@@ -240,6 +224,7 @@ impl Runner {
             mode,
             supervisor,
             logger,
+            stopped_for,
             publication,
             flight,
             flown,
@@ -251,6 +236,7 @@ impl Runner {
             refusals_said,
             ..
         } = self;
+        stopped_for.forget();
         let mut crier = Crier::new(&requests, instance);
         let mut noted = said_of(journals.read(), progress);
         if let Some(reader) = journals.take_telemetry() {
@@ -261,7 +247,7 @@ impl Runner {
         let begin = |logger: &mut Logger, metadata: RunMetadata| {
             // Recorders of other processes know what the run is before its first sample.
             announcer.announce(run.number, metadata.to_record()).map_err(|e| Failure::of(Kind::Device, &e))?;
-            logger.begin(run.number, plan.path.to_owned(), metadata, step.counter()).map_err(|e| failure_of(&e))
+            logger.begin(run.number, plan.path.to_owned(), metadata, step.counter()).map_err(|e| not_begun(&e))
         };
         let mut listening = switches;
         let mut people = People::new(switches, &requests, people);
@@ -339,6 +325,8 @@ impl Runner {
         events.extend(timeouts_of(&playback));
         events.extend(incidents.events());
         events.extend(events_of(&noted, origin_ns, journals.untaken()));
+        // Before the recording is closed: what is refused only then ended no run.
+        let stopped_for = stopped_for.reason();
         let recorded = logger.end(run.number, ticks, events);
         step.finish();
         // First what happened to the rig, then what happened to the data: a lost recording must not hide a trip or an unsafe rig.
@@ -358,7 +346,7 @@ impl Runner {
             return Err(rig_first(&plan.script.name, &outcome, Failure::of(Kind::Loss, &unsettled)));
         }
         let report = outcome.map_err(|e| Failure::of(Kind::Device, &e))?;
-        Ok(Finished { report, certificate: recorded.certificate, incidents: incidents.files() })
+        Ok(Finished { report, certificate: recorded.certificate, incidents: incidents.files(), stopped_for })
     }
 
     /// Ends publication and logger.

@@ -30,6 +30,7 @@ impl<F: Fn(f64) -> Target> Reference for Wanted<F> {
             index: 0,
             last: now.index + 1 >= self.ticks,
             waiting: None,
+            hands_on: false,
         }
     }
 }

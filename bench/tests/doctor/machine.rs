@@ -42,6 +42,7 @@ impl Machine {
             timer_resolution_ns: 1,
             disk: Ok(room),
             shared_memory: Ok(room),
+            foreign: None,
             ip_links: None,
             trial: Report::default(),
         };

@@ -6,9 +6,11 @@ mod machine;
 use bench::doctor::{CHECKS, Finding, Space, State, examine};
 use machine::{CAN_UP, CLOCK, CPU, LATENCY_TIMER, Machine, POOR_LIMITS, packed, refused};
 use rt_core::system::{Grant, Report, remedies};
+use rt_core::transport::Foreign;
 use std::collections::BTreeSet;
 use std::fs;
-use std::os::unix::fs::symlink;
+use std::os::unix::fs::{PermissionsExt, symlink};
+use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::Command;
 
@@ -60,6 +62,7 @@ fn poor_machine(online: &str) -> Machine {
             s.timer_resolution_ns = 4_000_000;
             s.disk = Ok(no_room);
             s.shared_memory = Ok(no_room);
+            s.foreign = Some(Foreign { folder: "/tmp/iceoryx2".into(), owner: "root".to_owned() });
             s.trial = Report::new(vec![refused("sched", "EPERM", remedies::PRIORITY)]);
             s.ip_links = s.ip_links.as_ref().map(|links| links.replace("ERROR-ACTIVE", "BUS-OFF"));
         })
@@ -285,6 +288,64 @@ fn room_in_minutes_and_instances() {
     shared(room(32 << 20)).says("shared memory", State::Advice, &["remount"]);
     shared(room(16 << 20)).says("shared memory", State::Problem, &["--shm-size"]);
     shared(Err("none".to_owned())).says("shared memory", State::Problem, &["mount"]);
+}
+
+#[test]
+fn a_transport_of_another_user_s_is_a_problem_that_names_him() {
+    let foreign = |s: &mut bench::doctor::Surroundings| {
+        s.foreign = Some(Foreign { folder: "/tmp/iceoryx2".into(), owner: "anna".to_owned() });
+    };
+    let words = ["/tmp/iceoryx2 is of anna", "root-path", "iceoryx2.toml"];
+    Machine::good().but(foreign).says("transport", State::Problem, &words);
+    Machine::good().says("transport", State::Ok, &[]);
+}
+
+/// The same as a user meets it. Only root can be another user for a moment.
+#[test]
+fn another_user_s_transport_is_told_by_whoever_needs_it() {
+    if !rustix::process::geteuid().is_root() {
+        return;
+    }
+    let nobody = |folder: &Path, arguments: &[&str]| {
+        let mut command = Command::new(folder.join("bench"));
+        command.args(arguments).current_dir(folder).uid(65534).gid(65534).env_remove("RUST_LOG");
+        command.output().expect("it was copied to where everybody may run it")
+    };
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path();
+    fs::copy(env!("CARGO_BIN_EXE_bench"), folder.join("bench")).unwrap();
+    let rights = |path: &Path, mode| fs::set_permissions(path, fs::Permissions::from_mode(mode)).unwrap();
+    rights(folder, 0o755);
+    rights(&folder.join("bench"), 0o755);
+    // As the transport leaves it where root came first, but in a place of this test's own.
+    let transport = folder.join("transport");
+    fs::create_dir(&transport).unwrap();
+    rights(&transport, 0o750);
+    fs::create_dir(folder.join("config")).unwrap();
+    let configured = |path: &Path| {
+        let text = format!("[global]\nroot-path = \"{}\"\n", path.display());
+        fs::write(folder.join("config/iceoryx2.toml"), text).unwrap();
+    };
+    configured(&transport);
+    let stop = ["stop", "--instance", "test-doctor-transport"];
+    let refused = nobody(folder, &stop);
+    let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert_eq!(refused.status.code(), Some(4), "{said}");
+    let found = format!("folder {}, got one of root;", transport.display());
+    assert!(said.contains(&found) && said.contains("iceoryx2.toml"), "{said}");
+    let doctor = nobody(folder, &["doctor"]);
+    let table = String::from_utf8_lossy(&doctor.stdout).into_owned();
+    assert_eq!(doctor.status.code(), Some(3), "{table}");
+    assert!(table.contains(&format!("{} is of root", transport.display())), "{table}");
+
+    // What it says helps.
+    let own = folder.join("own");
+    fs::create_dir(&own).unwrap();
+    rights(&own, 0o777);
+    configured(&own.join("transport"));
+    let answered = nobody(folder, &stop);
+    let said = String::from_utf8_lossy(&answered.stderr).into_owned();
+    assert!(said.contains("no running service of this name"), "{said}");
 }
 
 /// The command on this machine, whatever that is: table and document agree, and the exit code says whether there is a problem.

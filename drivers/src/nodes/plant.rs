@@ -5,7 +5,7 @@
 //! | SYNC k of a run | the state at tick k is measured and answered; its valves and fixture act from k on |
 //! | a command of the amplifier within half a tick after SYNC k, or before SYNC k + 1 where that comes sooner | acts from k on |
 //! | a later one | acts from k + 1 on |
-//! | a SYNC whose counter went on by n | the plant moves by n ticks |
+//! | a SYNC whose counter went on by n | the plant moves by n ticks; where that is far more than the time that passed, by that time |
 //! | a SYNC whose counter stands, or is one of before | is answered with the state as it is; it is no sign of life |
 //! | no sign of life for the nodes' time-out | valves go to their safe state, the fixture to rest, and the plant goes on in the time that passes |
 //! | a SYNC after that | nodes obey again; the plant moves to where the counter or the time that passed has it, whichever is further |
@@ -29,6 +29,9 @@ pub const STOPPED_SYNCS: u32 = 3;
 
 /// A command of the amplifier counts for a SYNC until so long after it, ns.
 const CUT_OFF_NS: u64 = PERIOD_NS / 2;
+
+/// No frame of a bus comes later than this, ns, however patient nodes are.
+const MOST_LATE_NS: u64 = 1_000_000_000;
 
 /// See the module.
 pub struct Plant {
@@ -251,12 +254,16 @@ impl Plant {
                 self.tick.max(self.fresh_tick + ahead)
             })
         } else {
+            let since_ns = received_ns.saturating_sub(self.fresh_ns.unwrap_or(received_ns));
+            let passed = ((since_ns + PERIOD_NS / 2) / PERIOD_NS).max(1);
+            // The frame before may have come late, as far as nodes are patient.
+            let most = 2 * passed + self.node_timeout_ns.min(MOST_LATE_NS) / PERIOD_NS;
             match (sync.counter, self.counter) {
-                (Some(now), Some(before)) => now.since(before).map(|ahead| self.tick + ahead),
-                _ => {
-                    let since_ns = received_ns.saturating_sub(self.fresh_ns.unwrap_or(received_ns));
-                    Some(self.tick + ((since_ns + PERIOD_NS / 2) / PERIOD_NS).max(1))
+                // As after a time-out: one that ran far ahead of the time that passed began anew.
+                (Some(now), Some(before)) => {
+                    now.since(before).map(|ahead| self.tick + if ahead <= most { ahead } else { passed })
                 }
+                _ => Some(self.tick + passed),
             }
         };
         let Some(target) = target else {

@@ -27,6 +27,7 @@ impl Reference for ToAndFro {
             index: 0,
             last: now.index + 1 >= self.ticks,
             waiting: None,
+            hands_on: false,
         }
     }
 }

@@ -11,7 +11,11 @@ use rt_core::{Command, Device, Fixture, Input, Measurement, Tick};
 const MODULUS: u64 = 1 << 16;
 
 pub fn sync(counter: u64, running: bool, preparation: Preparation) -> Sync {
-    Sync { counter: Some(Counter { value: counter % MODULUS, modulus: MODULUS }), running, preparation }
+    counted(counter, MODULUS, running, preparation)
+}
+
+fn counted(counter: u64, modulus: u64, running: bool, preparation: Preparation) -> Sync {
+    Sync { counter: Some(Counter { value: counter % modulus, modulus }), running, preparation }
 }
 
 /// A bench: its clock, and what it says.
@@ -19,26 +23,39 @@ pub struct Bench {
     pub plant: Plant,
     pub now_ns: u64,
     pub preparation: Preparation,
+    /// Of its counter.
+    modulus: u64,
 }
 
 impl Bench {
+    /// One that has said nothing yet.
+    fn silent(preparation: Preparation, modulus: u64) -> Bench {
+        Bench { plant: plant(), now_ns: 1_000_000_007, preparation, modulus }
+    }
+
     /// One whose rig is prepared.
     pub fn prepared(preparation: Preparation) -> Bench {
-        let mut bench = Bench { plant: plant(), now_ns: 1_000_000_007, preparation };
+        Bench::prepared_counting(preparation, MODULUS)
+    }
+
+    fn prepared_counting(preparation: Preparation, modulus: u64) -> Bench {
+        let mut bench = Bench::silent(preparation, modulus);
         for counter in 0..5 {
-            bench.stand(MODULUS / 2 + counter);
+            bench.stand(modulus / 2 + counter);
             bench.now_ns += MS;
         }
         bench
     }
 
     pub fn stand(&mut self, counter: u64) -> Answer {
-        self.plant.sync(&sync(counter, false, self.preparation), self.now_ns, self.now_ns)
+        let sync = counted(counter, self.modulus, false, self.preparation);
+        self.plant.sync(&sync, self.now_ns, self.now_ns)
     }
 
     pub fn run(&mut self, counter: u64, command: Command) -> Answer {
         let said = Preparation { start: command, ..self.preparation };
-        self.plant.sync(&sync(counter, true, said), self.now_ns, self.now_ns)
+        let sync = counted(counter, self.modulus, true, said);
+        self.plant.sync(&sync, self.now_ns, self.now_ns)
     }
 
     /// A tick: SYNC, the command of the amplifier so long after it, the rest of the millisecond.
@@ -220,7 +237,9 @@ fn a_tick_without_a_command_of_the_amplifier_is_counted_and_the_voltage_stays() 
 fn counters_begin_late_wrap_stand_and_go_back() {
     let start = Command { brake_open: false, bypass_open: false, ..FREE };
     let preparation = preparation(3, start);
-    let mut bench = Bench::prepared(preparation);
+    // One that ends soon: no frame of it may be far ahead of the time that passed.
+    let modulus = 100;
+    let mut bench = Bench::prepared_counting(preparation, modulus);
     let mut rig = in_process(&preparation);
     rig.read(Tick::at(0)).unwrap();
     // The first two are lost: until then the start is in force.
@@ -228,7 +247,7 @@ fn counters_begin_late_wrap_stand_and_go_back() {
     assert!(same(&answer.measurement, &rig.read(Tick::at(2)).unwrap()));
     rig.write(Tick::at(2), &at(9.0)).unwrap();
 
-    let far = MODULUS / 2 - 10;
+    let far = modulus / 2 - 10;
     let answer = bench.tick(far, at(9.0), 0);
     assert!(same(&answer.measurement, &rig.read(Tick::at(far)).unwrap()));
     rig.write(Tick::at(far), &at(9.0)).unwrap();
@@ -241,14 +260,30 @@ fn counters_begin_late_wrap_stand_and_go_back() {
     let behind = bench.run(far + 1, at(-9.0));
     assert!(same(&behind.measurement, &answer.measurement) && behind.counter == far + 1);
 
-    bench.tick(50_000, at(9.0), 0);
-    rig.read(Tick::at(50_000)).unwrap();
-    rig.write(Tick::at(50_000), &at(9.0)).unwrap();
-    let wrapped = MODULUS + 5;
+    bench.tick(80, at(9.0), 0);
+    rig.read(Tick::at(80)).unwrap();
+    rig.write(Tick::at(80), &at(9.0)).unwrap();
+    let wrapped = modulus + 5;
     let answer = bench.tick(wrapped, at(9.0), 0);
     assert_eq!((answer.counter, bench.plant.tick()), (5, wrapped));
     assert!(same(&answer.measurement, &rig.read(Tick::at(wrapped)).unwrap()));
     assert_eq!(bench.plant.counted().repeated, 2);
+}
+
+/// Where the rig file maps no `running` every frame is one of a run: also those that prepare the next, whose counter begins elsewhere.
+#[test]
+fn a_counter_that_begins_anew_moves_the_plant_by_the_time_that_passed() {
+    let mut bench = Bench::silent(preparation(1, FREE), MODULUS);
+    let mut tick = 0;
+    for begins in [MODULUS / 2, 0, MODULUS / 2, 0] {
+        for counter in begins..begins + 9 {
+            bench.tick(counter, at(6.0), 0);
+            assert_eq!(bench.plant.tick(), tick, "counter {counter}");
+            tick += 1;
+        }
+    }
+    let counted = bench.plant.counted();
+    assert_eq!((counted.passed_over, counted.repeated, counted.timeouts), (0, 0, 0));
 }
 
 #[test]

@@ -11,7 +11,7 @@ use crate::findings::{Findings, UNRECOGNISED, Validation, finding};
 use crate::fit::{Effort, Fit, fit};
 use crate::kept::Kept;
 use crate::layout::Layout;
-use crate::noise::{mean, white_std};
+use crate::noise::{mean, white_std_of_adjacent};
 use crate::plant::{Plant, Quantity};
 use crate::prepare::Stretch;
 use crate::problem::Problem;
@@ -150,7 +150,7 @@ pub fn problem_from(plant: &'static dyn TablePlant, stretches: Vec<Stretch>) -> 
             let (middle, _) = mean(series.iter().copied());
             let (square, _) = mean(series.iter().map(|v| (v - middle).powi(2)));
             // a sampled signal moves between its samples as well: no noise is more than what is left of the signal
-            let noise = white_std(&series).unwrap_or(0.0).min(plant.resolution() * square.sqrt());
+            let noise = white_std_of_adjacent(&series).unwrap_or(0.0).min(plant.resolution() * square.sqrt());
             noise.hypot(plant.resolution() * square.sqrt()).max(f64::MIN_POSITIVE)
         })
         .collect();

@@ -47,7 +47,10 @@ pub fn examine(campaign: &mut Campaign, recordings: &mut Vec<Recording>) -> Resu
     let mut lost = vec![false; recordings.len()];
     let reaches: Vec<Reach> = recordings.iter().map(|r| Reach::of(&r.angle_deg)).collect();
     for (n, (entry, recording)) in campaign.runs.iter().zip(recordings.iter_mut()).enumerate() {
-        let others = reaches.iter().enumerate().filter(|(other, _)| *other != n).map(|(_, reach)| *reach);
+        // what is fitted is not changed by what is only simulated
+        let told =
+            |other: usize| other != n && (entry.role == Role::Validate || campaign.runs[other].role == entry.role);
+        let others = reaches.iter().enumerate().filter(|(other, _)| told(*other)).map(|(_, reach)| *reach);
         let own = sensors::broken(entry, recording, others.fold(Reach::NONE, Reach::with));
         lost[n] = own.iter().any(|s| s.whole_run);
         found.extend(own);
@@ -81,5 +84,57 @@ fn nothing_left(campaign: &Campaign, found: &[SetAside], role: Role) -> Implausi
         got: format!("{}{}", first.why, others.concat()),
         remedy: "repair the sensor and record the run again, or take the run out of the campaign; a broken sensor is no effect of the plant"
             .into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use recordings::{Plane, Protocol, RigFacts, RunEntry};
+
+    /// A lever that is driven to and fro by 20 degrees, as an encoder with coarse steps shows it that ends at `limit_deg`, or as a stop that is as hard.
+    fn driven(limit_deg: f64) -> Recording {
+        let mut r = Recording::default();
+        let (mut angle_deg, mut dp_bar) = (0.0_f64, 0.0);
+        for row in 0..6000 {
+            let half_waves = row / 200;
+            let side = if half_waves % 2 == 0 { 1.0 } else { -1.0 };
+            let voltage_v = if row < 100 { 0.0 } else { 10.0 * side };
+            let ripple_bar = 0.01 * (f64::from(row) * 12.9898).sin();
+            r.time_s.push(f64::from(row) * 0.01);
+            r.voltage_v.push(voltage_v);
+            r.angle_deg.push(((angle_deg / 0.1).round() * 0.1).clamp(-limit_deg, limit_deg));
+            r.pressure1_bar.push(3.0 + dp_bar / 2.0 + ripple_bar);
+            r.pressure2_bar.push(3.1 - dp_bar / 2.0 + 0.5 * ripple_bar);
+            r.torque_nm.push(f64::NAN);
+            r.volume_ml.push(f64::NAN);
+            r.brake_open.push(true);
+            r.bypass_open.push(false);
+            r.segment.push(i64::from(half_waves));
+            angle_deg += 0.02 * voltage_v;
+            dp_bar += 0.1 * (0.1 * voltage_v - dp_bar);
+        }
+        r
+    }
+
+    #[test]
+    fn no_run_that_is_only_simulated_decides_what_is_fitted() {
+        for (wide, cut) in [(Role::Identify, true), (Role::Validate, false)] {
+            let roles = [Role::Identify, wide, Role::Validate];
+            let entry = |(n, role): (usize, Role)| RunEntry {
+                file: format!("{n}.csv"),
+                protocol: Protocol::SquareWave,
+                role,
+                plane: Plane::Horizontal,
+            };
+            let rig = RigFacts { inertia_kg_m2: 0.085, gravity_nm: 4.0, u_max_v: 24.0 };
+            let runs = roles.into_iter().enumerate().map(entry).collect();
+            let mut campaign = Campaign { dir: "made".into(), name: "made".into(), rig, runs };
+            let mut recordings = vec![driven(12.0), driven(90.0), driven(12.0)];
+            let found = examine(&mut campaign, &mut recordings).unwrap();
+            let in_first = found.iter().any(|s| s.file == "0.csv" && s.fault == Fault::Saturated);
+            assert_eq!(in_first, cut, "{wide:?}: {found:?}");
+            assert!(found.iter().any(|s| s.file == "2.csv"), "what is only simulated is judged by all");
+        }
     }
 }

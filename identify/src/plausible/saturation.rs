@@ -3,7 +3,7 @@
 use recordings::{Protocol, Recording, RunEntry};
 
 use super::sensors::{Fault, Sensor, SetAside, TOO_MUCH, free, missing, values_mut};
-use crate::noise::{step, white_std};
+use crate::noise::{step, white_std_of_adjacent};
 
 /// Smallest and largest value of a channel.
 #[derive(Clone, Copy)]
@@ -49,7 +49,7 @@ pub(super) fn saturated(entry: &RunEntry, r: &mut Recording, lever_deg: Reach) -
     let mut out = Vec::new();
     for &channel in channels {
         let values = channel.of(r);
-        let (white, coarse) = (white_std(&within(values)).unwrap_or(0.0), step(values));
+        let (white, coarse) = (white_std_of_adjacent(&within(values)).unwrap_or(0.0), step(values));
         // a coarse encoder stands still at a stop of the lever, too, unless its noise shows that it sees (steps alone look like 0.3), or other runs went on there
         let blind = channel == Sensor::Angle && white < 0.5 * coarse;
         let own = Reach::of(values);

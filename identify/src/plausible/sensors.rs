@@ -15,7 +15,7 @@ use recordings::{Protocol, Recording, RunEntry};
 
 use super::saturation::{Reach, saturated};
 use super::series::{Motion, longest_constant};
-use crate::prepare::segments;
+use crate::prepare::{is_read, segments};
 
 /// A sensor of the rig, with its column of the contract.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -209,10 +209,7 @@ fn dead(entry: &RunEntry, r: &mut Recording) -> Vec<SetAside> {
 
 /// How often a torque-map leads the lever: stretches without torque between two with it.
 fn led_between(r: &Recording) -> usize {
-    let read: Vec<bool> = segments(r)
-        .into_iter()
-        .map(|(first, end)| r.torque_nm[first..end].iter().filter(|v| v.is_finite()).count() * 2 > end - first)
-        .collect();
+    let read: Vec<bool> = segments(r).into_iter().map(|(first, end)| is_read(r, &r.torque_nm, first, end)).collect();
     read.windows(2).filter(|w| w[0] && !w[1]).count()
 }
 

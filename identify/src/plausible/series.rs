@@ -1,6 +1,6 @@
 //! How much a channel moves, beside what its noise makes it move.
 
-use crate::noise::{mean, step, white_std};
+use crate::noise::{mean, step, white_std_of_adjacent};
 
 /// Blocks that a run is cut into at most, and rows of a block at least.
 const BLOCKS: usize = 300;
@@ -28,7 +28,8 @@ impl Motion {
         let means: Vec<f64> =
             rows.chunks(size).map(|c| mean(c.iter().copied())).filter(|m| m.1 > 0).map(|m| m.0).collect();
         let (low, high) = means.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
-        let white = white_std(values).unwrap_or(0.0);
+        // values that come too seldom to follow one another have no noise to be judged by: between them the signal moves
+        let white = white_std_of_adjacent(values).unwrap_or(0.0);
         let coarse = step(values);
         // steps that the noise does not dither are no noise: their mean may be half a step off
         let noise = (white / (size as f64).sqrt()).max(if white < coarse { 0.5 * coarse } else { 0.0 });

@@ -4,6 +4,7 @@ use recordings::{Campaign, Protocol, Recording};
 
 use super::Implausible;
 use super::series::quantile;
+use crate::prepare::segments;
 
 /// Pressures of a rig of this kind at rest, bar absolute. Its chambers are elastic: the paper's work at 1.2..6 bar.
 const PRESSURE_BAR: (f64, f64) = (0.5, 20.0);
@@ -17,8 +18,15 @@ const RAD: f64 = std::f64::consts::FRAC_PI_2;
 const TORQUE_NM: f64 = 500.0;
 /// Largest and least amounts of oil that a cylinder measures, ml.
 const VOLUME_ML: (f64, f64) = (0.3, 20_000.0);
-/// Sampling interval, s: the lever swings at some 10 Hz, and no rig of this kind is sampled at 200 kHz.
+/// Sampling interval, s, where the lever is free: it swings at some 10 Hz, and no rig of this kind is sampled at 200 kHz.
 const INTERVAL_S: (f64, f64) = (5e-6, 0.25);
+/// The same where it is clamped or led, or the pump is on its bench: everything takes seconds, and a person may read the instruments.
+const SLOW_INTERVAL_S: f64 = 5.0;
+/// Typical lengths of such a run's segments, and of a run with a free lever, s.
+const SEGMENT_S: (f64, f64) = (0.3, 300.0);
+const FREE_RUN_S: (f64, f64) = (3.0, 3000.0);
+/// Segments of rows that are seldom are in another unit where they are longer than this, s.
+const LONG_SEGMENT_S: f64 = 1000.0;
 /// Share of u_max below which a pump that is to drive the lever does next to nothing.
 const SHARE: f64 = 0.2;
 /// Medians of one channel in two runs, or of twin channels in one, that differ by this factor are in two units: the least factor between units of pressure is 10.
@@ -98,20 +106,39 @@ impl Run<'_> {
         if !interval.is_finite() || (INTERVAL_S.0..=INTERVAL_S.1).contains(&interval) {
             return Ok(());
         }
-        let unit =
-            [(1e-3, "ms"), (1e-6, "us"), (1e-9, "ns"), (60.0, "min"), (3600.0, "h")].into_iter().find(|(f, _)| {
-                let s = interval * f;
-                (2e-4..=0.05).contains(&s)
-            });
+        // rows that are seldom say nothing of the unit, the lengths of a run and its segments do
+        let seldom = interval > INTERVAL_S.1;
+        let segment_s = self.segment_s();
+        if seldom && !self.free() && interval <= SLOW_INTERVAL_S && segment_s <= LONG_SEGMENT_S {
+            return Ok(());
+        }
+        let run_s = self.r.time_s[self.r.len() - 1] - self.r.time_s[0];
+        let (length_s, typical_s) = if self.free() { (run_s, FREE_RUN_S) } else { (segment_s, SEGMENT_S) };
+        let units = [(1e-3, "ms"), (1e-6, "us"), (1e-9, "ns"), (60.0, "min"), (3600.0, "h")];
+        let unit = units.into_iter().find(|(f, _)| {
+            if seldom {
+                length_s > typical_s.1 && (typical_s.0..=typical_s.1).contains(&(length_s * f))
+            } else {
+                (2e-4..=0.05).contains(&(interval * f))
+            }
+        });
+        let most = if self.free() { INTERVAL_S.1 } else { SLOW_INTERVAL_S };
+        let swing = if self.free() { ", at a rate that shows the lever's swing of some 10 Hz" } else { "" };
         Err(self.refuse(
             "time_s",
-            format!("rows {} .. {} s apart", number(INTERVAL_S.0), number(INTERVAL_S.1)),
-            format!("{} s", number(interval)),
+            format!("rows {} .. {} s apart", number(INTERVAL_S.0), number(most)),
+            format!("{} s in segments of some {} s", number(interval), number(segment_s)),
             match unit {
                 Some((factor, unit)) => format!("the column is likely in {unit}: multiply it by {factor:e}"),
-                None => "give the time in seconds, at a rate that shows the lever's swing of some 10 Hz".into(),
+                None => format!("give the time in seconds{swing}"),
             },
         ))
+    }
+
+    /// Median length of the segments, s.
+    fn segment_s(&self) -> f64 {
+        let lengths = segments(self.r).into_iter().map(|(first, end)| self.r.time_s[end - 1] - self.r.time_s[first]);
+        quantile(lengths, 0.5)
     }
 
     fn voltage(&self, u_max_v: f64) -> Result<(), Implausible> {
@@ -250,19 +277,21 @@ fn likely(median: f64) -> Option<String> {
     Some(format!("the column is likely in {unit}: multiply it by {factor:e}"))
 }
 
-/// One channel in one unit throughout the campaign.
-fn between_runs(runs: &[Run]) -> Result<(), Implausible> {
+/// One channel in one unit throughout the campaign. On the pump's bench each port has a reservoir of its own, at whatever pressure: its runs
+/// are neither judged by the chambers' pressures nor counted with them.
+fn between_runs(all: &[Run]) -> Result<(), Implausible> {
+    let runs: Vec<&Run> = all.iter().filter(|run| run.protocol != Protocol::PumpMap).collect();
     for column in ["pressure1_bar", "pressure2_bar"] {
         let of = |r: &Run| {
             let values = if column == "pressure1_bar" { &r.r.pressure1_bar } else { &r.r.pressure2_bar };
             quantile(values.iter().copied(), 0.5)
         };
-        let mut medians: Vec<f64> = runs.iter().map(of).filter(|m| m.is_finite()).collect();
+        let mut medians: Vec<f64> = runs.iter().map(|run| of(run)).filter(|m| m.is_finite()).collect();
         if medians.len() < 2 {
             continue;
         }
         let usual = crate::noise::median(&mut medians);
-        for run in runs {
+        for run in &runs {
             let (own, ratio) = (of(run), of(run) / usual);
             if ratio.is_finite() && !(1.0 / FACTOR..=FACTOR).contains(&ratio) {
                 return Err(run.refuse(

@@ -12,6 +12,9 @@ const LED_S: f64 = 0.05;
 const FAR: f64 = 8.0;
 /// A slope changes if it does so by this many standard errors.
 const KINK: f64 = 3.0;
+/// A pressure is another one from this many noises on, and a release may end so slowly that its last part, s, lies within them.
+const OTHER: f64 = 5.0;
+const END_S: f64 = 0.15;
 
 /// The same with an angle that the encoder's noise and steps hardly enter: the led lever is slow, and its angle is an input.
 /// A segment whose angle is missing for longer than [`BRIDGED_S`] stays as it is.
@@ -88,18 +91,46 @@ pub(super) fn level(values: &[f64], noise: f64) -> f64 {
     mean(present.into_iter().filter(|v| (v - middle).abs() <= FAR * noise)).0
 }
 
-/// Row `i` of the clamp-steps protocol lies behind a release: the segment's cylinder was read by then.
-pub(super) fn rests(r: &Recording, i: usize) -> bool {
-    let same = (0..=i).rev().take_while(|&j| r.segment[j] == r.segment[i]);
-    same.into_iter().any(|j| r.volume_ml[j].is_finite())
+/// By row of the clamp-steps protocol: it lies behind a release. The segment's cylinder was read by then; where it was read only once, which
+/// may be long after the release, the rest began when pressure 1 came to what it is at that reading.
+pub(super) fn resting(r: &Recording) -> Vec<bool> {
+    // at least what rounding makes
+    let noise = white_std(&r.pressure1_bar).unwrap_or(0.0).max(step(&r.pressure1_bar)).max(1e-6);
+    let mut out = vec![false; r.len()];
+    for (first, end) in segments(r) {
+        let mut read = (first..end).filter(|&i| r.volume_ml[i].is_finite());
+        let Some(earliest) = read.next() else { continue };
+        let from = if read.next().is_none() { settled(r, first, earliest, noise) } else { earliest };
+        out[from..end].fill(true);
+    }
+    out
 }
 
-/// A pressure of the clamp-steps protocol as an input: smoothed at rest, straight during a release (where the volume is
-/// empty): the oil that leaves depends on where the pressure ends, not on the way.
-pub(super) fn drained_pressure(r: &Recording, values: &[f64], first: usize, end: usize) -> Vec<f64> {
+/// The row of `first..=last` from which on pressure 1 stays at what it is in the last one, as far as `noise` tells; missing values are passed over.
+fn settled(r: &Recording, first: usize, last: usize, noise: f64) -> usize {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for i in (first..=last).rev().filter(|&i| r.pressure1_bar[i].is_finite()) {
+        let pressure_bar = r.pressure1_bar[i];
+        if count > 0.0 && (pressure_bar - sum / count).abs() > OTHER * noise {
+            return (i..last).find(|&j| r.time_s[j] - r.time_s[i] > END_S).unwrap_or(last);
+        }
+        sum += pressure_bar;
+        count += 1.0;
+    }
+    first
+}
+
+/// A pressure of the clamp-steps protocol as an input: smoothed at rest (`resting`, by row of the recording), straight during a release: the oil
+/// that leaves depends on where the pressure ends, not on the way.
+pub(super) fn drained_pressure(
+    r: &Recording,
+    values: &[f64],
+    resting: &[bool],
+    (first, end): (usize, usize),
+) -> Vec<f64> {
     let time = &r.time_s[first..end];
     let mut out = filled(&values[first..end]);
-    let resting: Vec<bool> = (first..end).map(|i| rests(r, i)).collect();
+    let resting = &resting[first..end];
     let n = out.len();
     let mut i = 0;
     while i < n {

@@ -10,13 +10,14 @@ mod way;
 use recordings::{Plane, Protocol, Recording};
 
 use crate::noise::{error_of_mean, mean, spread_about_line, step, white_std};
-use inputs::{BRIDGED_S, drained_pressure, filled, is_torn, led_angle, level, rests, smoothed};
-use rows::{block_starts, dwells, fillings, rest_rows, slow, thinned};
+use inputs::{BRIDGED_S, drained_pressure, filled, is_torn, led_angle, level, resting, smoothed};
+use rows::{block_starts, dwells, fillings, is_long_enough, rest_rows, slow, thinned};
 
 use past::past;
 use ran::ran;
 use way::{held, way_rad};
 
+pub(crate) use rows::is_read;
 pub use rows::segments;
 pub use stretch::{Channel, Stand, Stretch, Target};
 
@@ -102,7 +103,7 @@ pub fn stretches(
         }
         Protocol::TorqueMap => {
             // a stretch per clamped angle: what the oil does while the lever is led to the next is not known well enough
-            for (first, end) in dwells(&r, &segments) {
+            for (first, end) in dwells(file, &r, &segments) {
                 let mut s = cut(first, end, Stand::Led);
                 s.angle_rad = vec![level(&r.angle_deg[first..end], angle_noise).to_radians(); end - first];
                 s.way_rad = way_rad(&r, first, angle_noise, s.angle_rad[0]);
@@ -120,7 +121,15 @@ pub fn stretches(
             for &(first, end) in &segments {
                 // a segment without a reading is not a sweep of a known amount: the filling before it, say
                 let (_, readings) = mean(r.volume_ml[first..end].iter().copied());
-                if end - first < 20 || readings == 0 {
+                if readings == 0 {
+                    continue;
+                }
+                if !is_long_enough(&r, first, end) {
+                    tracing::warn!(
+                        file,
+                        from_s = r.time_s[first],
+                        "a sweep of too short a time, or of too few rows: it is passed over"
+                    );
                     continue;
                 }
                 let mut s = cut(first, end, Stand::LedShutOff);
@@ -137,6 +146,7 @@ pub fn stretches(
             }
         }
         Protocol::ClampSteps => {
+            let resting = resting(&r);
             for (first, end) in fillings(&r, &segments) {
                 let inside: Vec<(usize, usize)> =
                     segments.iter().copied().filter(|s| s.0 >= first && s.1 <= end).collect();
@@ -145,15 +155,14 @@ pub fn stretches(
                 let last = inside.iter().rposition(read).map_or(0, |n| n + 1);
                 // nor is what came before a pressure known that was missing: a sensor saturates at the top of a filling
                 let torn = |&(a, b): &(usize, usize)| {
-                    let resting = || (a..b).filter(|&i| rests(&r, i));
-                    PRESSURES.iter().any(|c| is_torn(resting().map(|i| (r.time_s[i], c.of(&r)[i]))))
+                    let rest = || (a..b).filter(|&i| resting[i]);
+                    PRESSURES.iter().any(|c| is_torn(rest().map(|i| (r.time_s[i], c.of(&r)[i]))))
                 };
                 let known = inside[..last].iter().rposition(torn).map_or(0, |n| n + 1);
                 let inside = &inside[known..last];
                 let Some((&(begin, begin_end), &(_, end))) = inside.first().zip(inside.last()) else { continue };
                 // the first reading counts from rest: what was released from an unknown pressure is not known
-                let first =
-                    if known == 0 { begin } else { (begin..begin_end).find(|&i| rests(&r, i)).unwrap_or(begin) };
+                let first = if known == 0 { begin } else { (begin..begin_end).find(|&i| resting[i]).unwrap_or(begin) };
                 if inside.len() < 3 {
                     continue;
                 }
@@ -161,7 +170,7 @@ pub fn stretches(
                 s.angle_rad = vec![level(&r.angle_deg[first..end], angle_noise).to_radians(); end - first];
                 s.way_rad = way_rad(&r, first, angle_noise, s.angle_rad[0]);
                 s.held = held(&s, &r, first, end);
-                s.pressure_bar = PRESSURES.map(|c| drained_pressure(&r, c.of(&r), first, end));
+                s.pressure_bar = PRESSURES.map(|c| drained_pressure(&r, c.of(&r), &resting, (first, end)));
                 s.initial = vec![s.angle_rad[0], s.pressure_bar[0][0], s.pressure_bar[1][0]];
                 let mut volume = vec![f64::NAN; end - first];
                 // a segment's readings are one reading of the cylinder; the filling's first defines its zero, which its prediction starts from
@@ -169,15 +178,18 @@ pub fn stretches(
                 let zero_ml = if known == 0 { 0.0 } else { reading(&inside[0]).0 };
                 for (n, segment) in inside.iter().enumerate() {
                     let &(a, b) = segment;
-                    let (reading_ml, count) = reading(segment);
-                    if n > 0 && count > 0 {
-                        volume[(a + b) / 2 - first] = reading_ml - zero_ml;
+                    let rest: Vec<usize> = (a..b).filter(|&i| resting[i]).collect();
+                    if n > 0 && !rest.is_empty() {
+                        // the middle of the segment, or of its rest where the oil still leaves at that time
+                        let middle = (a + b) / 2;
+                        let at = if resting[middle] { middle } else { rest[rest.len() / 2] };
+                        volume[at - first] = reading(segment).0 - zero_ml;
                     }
                     s.blocks.push(a.max(first) - first);
                 }
                 s.measured[Channel::Volume.index()] = volume;
                 // while oil is released the pressures are not known well enough for the torque
-                let torque = (first..end).map(|i| if rests(&r, i) { r.torque_nm[i] } else { f64::NAN });
+                let torque = (first..end).map(|i| if resting[i] { r.torque_nm[i] } else { f64::NAN });
                 s.measured[Channel::Torque.index()] = torque.collect();
                 out.push(s.finish());
             }

@@ -2,7 +2,12 @@
 
 use recordings::{Protocol, Recording};
 
+use super::inputs::BRIDGED_S;
 use crate::noise::mean;
+
+/// What is read from a segment of a slow protocol takes this long at least, s, which is 20 rows of those that are kept of fast ones, and as many rows of slow ones.
+const LEAST_S: f64 = 0.19;
+const FEWEST_ROWS: usize = 5;
 
 /// Protocols whose quantities change over seconds.
 pub(super) fn slow(protocol: Protocol) -> bool {
@@ -16,16 +21,32 @@ pub(super) fn is_switched(r: &Recording, i: usize) -> bool {
         || r.bypass_open[i] != r.bypass_open[i - 1]
 }
 
-/// Every row `spacing_s` apart, and those where an input or the segment changes or a sparse reading stands.
+/// Every row `spacing_s` apart, and those where an input or the segment changes or a sparse reading stands. Of a sensor that is slower than the
+/// rows one value is kept for each row so far apart.
 pub(super) fn thinned(r: &Recording, spacing_s: f64) -> Recording {
     let sparse = r.volume_ml.iter().filter(|v| v.is_finite()).count() * 5 < r.len();
+    let columns = [&r.angle_deg, &r.pressure1_bar, &r.pressure2_bar, &r.torque_nm, &r.volume_ml];
+    let slower: Vec<&Vec<f64>> = columns.into_iter().filter(|values| is_slower_than_rows(values)).collect();
     let mut keep = Vec::new();
     let mut last = f64::NEG_INFINITY;
+    // by slower sensor: none of its values was kept since then
+    let mut due = vec![true; slower.len()];
     for i in 0..r.len() {
         let changed = i > 0 && (r.segment[i] != r.segment[i - 1] || is_switched(r, i));
-        if changed || r.time_s[i] - last > spacing_s - 1e-6 || (sparse && r.volume_ml[i].is_finite()) {
-            keep.push(i);
+        let regular = changed || r.time_s[i] - last > spacing_s - 1e-6 || (sparse && r.volume_ml[i].is_finite());
+        if regular {
             last = r.time_s[i];
+            due.fill(true);
+        }
+        let mut awaited = false;
+        for (due, values) in due.iter_mut().zip(&slower) {
+            if *due && values[i].is_finite() {
+                *due = false;
+                awaited = true;
+            }
+        }
+        if regular || awaited {
+            keep.push(i);
         }
     }
     if keep.len() == r.len() {
@@ -44,6 +65,30 @@ pub(super) fn thinned(r: &Recording, spacing_s: f64) -> Recording {
         bypass_open: keep.iter().map(|&i| r.bypass_open[i]).collect(),
         segment: keep.iter().map(|&i| r.segment[i]).collect(),
     }
+}
+
+/// Most of the values stand alone: the row before has none.
+fn is_slower_than_rows(values: &[f64]) -> bool {
+    let present = values.iter().filter(|v| v.is_finite()).count();
+    let alone = values.windows(2).filter(|w| w[1].is_finite() && !w[0].is_finite()).count();
+    2 * alone > present
+}
+
+/// Values stand in rows `[first, end)` for at least half of the time: each until the next one, which comes in the next row or within a gap that is
+/// bridged. A sensor may be slower than the file's rows.
+pub(crate) fn is_read(r: &Recording, values: &[f64], first: usize, end: usize) -> bool {
+    let rows: Vec<usize> = (first..end).filter(|&i| values[i].is_finite()).collect();
+    let until_next_s = rows.windows(2).filter_map(|w| {
+        let s = r.time_s[w[1]] - r.time_s[w[0]];
+        (w[1] - w[0] == 1 || s <= BRIDGED_S).then_some(s)
+    });
+    // rounding of the times makes no half less than one
+    !rows.is_empty() && 2.0 * until_next_s.sum::<f64>() + 1e-6 >= r.time_s[end - 1] - r.time_s[first]
+}
+
+/// Rows `[first, end)` are enough for something to be read from them.
+pub(super) fn is_long_enough(r: &Recording, first: usize, end: usize) -> bool {
+    end - first >= FEWEST_ROWS && r.time_s[end - 1] - r.time_s[first] > LEAST_S - 1e-6
 }
 
 /// Rows `[first, end)` of each segment, in order.
@@ -80,22 +125,39 @@ pub(super) fn block_starts(time_s: &[f64], length_s: f64) -> Vec<usize> {
 }
 
 /// Rows `[first, end)` of the torque map during which the lever is clamped at one angle: segments in a row whose torque is
-/// read and whose mean angles agree.
-pub(super) fn dwells(r: &Recording, segments: &[(usize, usize)]) -> Vec<(usize, usize)> {
+/// read and whose mean angles agree. `file`: where those are said that are passed over.
+pub(super) fn dwells(file: &str, r: &Recording, segments: &[(usize, usize)]) -> Vec<(usize, usize)> {
     let mut out: Vec<(usize, usize)> = Vec::new();
     let mut last_angle = f64::NAN;
     for &(first, end) in segments {
         let (_, readings) = mean(r.torque_nm[first..end].iter().copied());
         let (angle, _) = mean(r.angle_deg[first..end].iter().copied());
-        if readings * 2 > end - first {
+        if is_read(r, &r.torque_nm, first, end) {
             match out.last_mut() {
                 Some(dwell) if dwell.1 == first && (angle - last_angle).abs() < 0.3 => dwell.1 = end,
                 _ => out.push((first, end)),
             }
             last_angle = angle;
+        } else if readings >= FEWEST_ROWS {
+            // fewer are the edges of a move
+            tracing::warn!(
+                file,
+                from_s = r.time_s[first],
+                "the torque is missing for more than half of this segment, or comes more than half a second apart: the segment is passed over"
+            );
         }
     }
-    out.retain(|(first, end)| end - first >= 20);
+    out.retain(|&(first, end)| {
+        let enough = is_long_enough(r, first, end);
+        if !enough {
+            tracing::warn!(
+                file,
+                from_s = r.time_s[first],
+                "a dwell of too short a time, or of too few rows: it is passed over"
+            );
+        }
+        enough
+    });
     out
 }
 

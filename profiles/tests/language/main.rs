@@ -3,7 +3,7 @@
 mod refused;
 
 use profiles::{Context, Playback, Script};
-use rt_core::{Fixture, Limits, Measurement, Reference, Step, Target, Tick};
+use rt_core::{Fixture, Input, Limits, Measurement, Reference, Step, Target, Tick};
 
 const CONTEXT: Context = Context { u_max_v: 20.0, seed: 3, hands: profiles::Hands::Rig };
 
@@ -131,6 +131,68 @@ fn a_driven_lever_ramps_from_where_it_is_and_the_step_ends_on_arrival() {
     assert!((angle(31) - 1.5).abs() < 1e-9, "the second ramp begins where the first ended");
     assert_eq!(steps.len(), 63);
     assert!(angle(61) == angle(60) && angle(62) == angle(60), "stays where it was stopped");
+}
+
+#[test]
+fn a_lever_that_stands_beyond_the_range_of_a_script_is_led_all_the_way() {
+    for (from_deg, to_deg) in [(58.0, -40.0), (-58.0, 44.0), (46.0, -45.0)] {
+        let text = format!(
+            "[[step]]\nfixture = \"driven\"\nangle_deg = {to_deg}\nrate_deg_s = 50\n\
+             [[step]]\nfixture = \"driven\"\nangle_deg = {to_deg}\nrate_deg_s = 50\n"
+        );
+        let steps = steps(&mut compile(&text), |_| from_deg);
+        let first: Vec<&Step> = steps.iter().filter(|step| step.index == 0).collect();
+        assert_eq!(first[first.len() - 1].fixture, Fixture::Driven { angle_deg: to_deg }, "from {from_deg}");
+        let way_ms = ((to_deg - from_deg).abs() / 50.0 * 1e3).round() as usize;
+        assert!((way_ms..=way_ms + 2).contains(&first.len()), "{} ticks for {way_ms} ms", first.len());
+    }
+    // No encoder reads that: it must not upset the count of ticks.
+    let mut playback = compile("[[step]]\nfixture = \"driven\"\nangle_deg = 0\nrate_deg_s = 50\n");
+    playback.step(Tick::at(0), &Measurement { angle_deg: f64::MAX, ..Measurement::NONE });
+    assert!(!playback.step(Tick::at(1), &Measurement::NONE).last);
+}
+
+/// What the device itself calls wrong is as good as not measured, also where it looks like a number.
+#[test]
+fn a_faulty_value_meets_no_condition_turns_no_voltage_leaves_no_loop_and_begins_no_ramp() {
+    let faulty = Measurement { angle_deg: 30.0, faulty: Input::Angle.bit(), ..Measurement::NONE };
+    let sound = Measurement { faulty: 0, ..faulty };
+    let differs = |text: &str, of: &dyn Fn(&Step) -> f64| {
+        let at_end = |measured: &Measurement| {
+            let mut playback = compile(text);
+            let steps: Vec<Step> = (0..20).map(|k| playback.step(Tick::at(k), measured)).collect();
+            of(&steps[10])
+        };
+        (at_end(&sound), at_end(&faulty))
+    };
+    let until = "[[step]]\nvoltage_v = 2\nuntil = [{ channel = \"angle_deg\", above = 20 }]\ntimeout_s = 1\n[[step]]\nvoltage_v = 3\nfor_s = 1\n";
+    assert_eq!(differs(until, &volts), (3.0, 2.0));
+    let steady = "[[step]]\nvoltage_v = 2\nuntil = [{ channel = \"angle_deg\", steady_within = 1, for_s = 0.005 }]\ntimeout_s = 1\n\
+                  [[step]]\nvoltage_v = 3\nfor_s = 1\n";
+    assert_eq!(differs(steady, &volts), (3.0, 2.0));
+    let stop = "[[step]]\nrepeat = 9\nstop_when = [{ channel = \"angle_deg\", above = 20 }]\n[[step.step]]\nvoltage_v = 2\nfor_s = 1\n\
+                [[step]]\nvoltage_v = 3\nfor_s = 1\n";
+    assert_eq!(differs(stop, &volts), (3.0, 2.0));
+    let ramp =
+        "[[step]]\ntarget = { quantity = \"angle_deg\", wave = \"ramp\", to = 5, rate_per_s = 0.001 }\nfor_s = 1\n";
+    let angle = |step: &Step| match step.target {
+        Target::AngleDeg { angle_deg, .. } => angle_deg.round(),
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(differs(ramp, &angle), (30.0, 5.0));
+    let guarded = "[[step]]\n[step.random]\ntotal_s = 1\nlength_s = [0.5, 0.5]\nvoltage_u_max = [0.5, 0.5]\nzero_share = 0\n\
+                   brake_closed_share = 0\nbypass_open_share = 0\nguard_deg = 25\n";
+    let inward = |measured: &Measurement| {
+        let mut playback = compile(guarded);
+        (0..900).all(|k| volts(&playback.step(Tick::at(k), measured)) < 0.0)
+    };
+    assert!(inward(&sound), "outward at 30 degrees it is turned");
+    let other_side = |measured: Measurement| Measurement { angle_deg: -measured.angle_deg, ..measured };
+    let mut kept = (compile(guarded), compile(guarded));
+    for k in 0..900 {
+        let (one, other) = (kept.0.step(Tick::at(k), &faulty), kept.1.step(Tick::at(k), &other_side(faulty)));
+        assert_eq!(one.target, other.target, "no side is known");
+    }
 }
 
 #[test]

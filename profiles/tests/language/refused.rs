@@ -227,7 +227,8 @@ fn folders_are_loaded_or_refused_with_the_file() {
     let folder = std::env::temp_dir().join(format!("profiles-test-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("temporary folder");
     assert!(matches!(load_folder(&folder), Err(LoadError::Empty { .. })));
-    assert!(matches!(load_folder(&folder.join("none")), Err(LoadError::Read { .. })));
+    assert!(matches!(load_folder(&folder.join("none")), Err(LoadError::Folder { .. })));
+    assert!(matches!(Script::read(&folder), Err(LoadError::Read { .. })));
     let write = |file: &str, text: &str| std::fs::write(folder.join(file), text).expect("temporary file");
     let good = format!("{HEAD}[[step]]\nfor_s = 1\n");
     write("b.toml", &good);

@@ -93,8 +93,8 @@ impl Supervisor {
         self.velocity.clear();
     }
 
-    /// Whether people have their hands on the rig from now on, because the run asked them to. Until that is over the lever's velocity is
-    /// theirs, and sensors may be off (a pump that is taken out, an encoder that is moved): neither velocity nor absence nor age is
+    /// Whether people have their hands on the rig from now on, because the run asked them to and rests. Until that is over the lever's velocity
+    /// is theirs, and sensors may be off (a pump that is taken out, an encoder that is moved): neither velocity nor absence nor age is
     /// judged. Whatever is measured must still be within its limits: pressures, angle, torque. So must the drivers' heartbeat.
     pub fn hands_on(&mut self, hands_on: bool) {
         self.hands_on = hands_on;

@@ -135,6 +135,16 @@ impl Measurement {
         self
     }
 
+    /// The same where a value that the device calls wrong is none: for whoever decides by values alone.
+    pub fn without_faulty(mut self) -> Measurement {
+        for input in Input::ALL {
+            if self.faulty & input.bit() != 0 {
+                *self.value_mut(input) = f64::NAN;
+            }
+        }
+        self
+    }
+
     /// Whether there is a value that the device does not call wrong.
     pub fn is_valid(&self, input: Input) -> bool {
         self.value(input).is_finite() && self.faulty & input.bit() == 0
@@ -270,6 +280,8 @@ mod tests {
             ..Measurement::NONE
         };
         assert_eq!(measured.valid(), Input::Angle.bit());
+        let sound = measured.without_faulty();
+        assert!(sound.pressure1_bar.is_nan() && sound.angle_deg == 1.0 && sound.faulty == measured.faulty);
         for (number, input) in Input::ALL.into_iter().enumerate() {
             assert_eq!(input as usize, number);
         }

@@ -108,6 +108,7 @@ impl Reference for Rest {
             index: 0,
             last: now.index + 1 == self.ticks,
             waiting: None,
+            hands_on: false,
         }
     }
 }

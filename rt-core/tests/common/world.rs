@@ -178,6 +178,7 @@ impl Reference for Script {
             index: now.index as u32 / 5,
             last: now.index + 1 >= self.ticks,
             waiting: None,
+            hands_on: false,
         }
     }
 }

@@ -16,7 +16,7 @@ from .sample import VERSION, RecBenchSample
 #: it with them, and whoever asks for more is refused.
 BUFFER_SAMPLES = 8192
 MAX_SUBSCRIBERS = 12
-MAX_PUBLISHERS = 2
+MAX_PUBLISHERS = 1
 MAX_NODES = 16
 MAX_BORROWED = 4
 

@@ -1,4 +1,5 @@
 use super::*;
+use crate::recorder::OnFull;
 use profiles::BUILTIN;
 use rt_core::Limits;
 
@@ -11,6 +12,7 @@ fn settings() -> Settings {
         seed: u64::MAX,
         notes: BTreeMap::new(),
         mode: Mode::Lockstep,
+        on_full: OnFull::Stop,
     }
 }
 

@@ -3,12 +3,13 @@
 use super::outlook::Outlook;
 use super::words;
 use crate::commands::run::profile;
+use crate::devices::hands_of;
 use crate::dry_run::{model_of, predict, served};
 use crate::failure::{Failure, Kind};
 use crate::progress::Progress;
-use crate::rig_file::{DeviceSpec, Rig};
+use crate::rig_file::Rig;
 use model::ModelFile;
-use profiles::{Context, Hands};
+use profiles::Context;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -28,7 +29,7 @@ pub struct Args {
     #[arg(long)]
     model: Option<PathBuf>,
     /// Seed of the profile's random steps; the run must use the same
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = crate::commands::seed)]
     seed: u64,
     /// Print the result as JSON
     #[arg(long)]
@@ -94,10 +95,7 @@ pub(super) fn run(args: &Args, progress: &Progress) -> Result<(), Failure> {
 /// What the profile would do, and why it may not run.
 fn check(name: &str, rig: &Rig, given: Option<&ModelFile>, args: &Args) -> Result<(Outlook, Option<Failure>), Failure> {
     let script = profile(name)?;
-    let hands = match &rig.device {
-        DeviceSpec::Wired(settings) if settings.can.fixture.is_none() => Hands::People,
-        DeviceSpec::Wired(_) | DeviceSpec::Emulated(_) => Hands::Rig,
-    };
+    let hands = hands_of(&rig.device);
     let context = Context { u_max_v: rig.facts.u_max_v, seed: args.seed, hands };
     let playback = script.compile(&context).map_err(|e| Failure::of(Kind::Input, &e))?;
     let limits =

@@ -82,6 +82,8 @@ pub(super) struct DryRun {
     pub duration_s: f64,
     pub peaks: Vec<PeakOf>,
     pub timeouts: Vec<Struck>,
+    /// Of steps that drive the pump until people confirm: for how long they are predicted.
+    pub remarks: Vec<String>,
     pub trip: Option<Trips>,
     /// Why the rig failed before the script's end.
     pub failed: Option<String>,
@@ -217,6 +219,7 @@ impl Outlook {
                     message: timeout.to_string(),
                 })
                 .collect(),
+            remarks: prediction.remarks(),
             trip: prediction.trip.as_ref().map(|trips| Trips {
                 tick: trips.trip.tick,
                 time_s: Tick::at(trips.trip.tick).seconds(),

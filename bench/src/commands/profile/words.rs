@@ -120,6 +120,7 @@ fn prediction(dry: &DryRun) -> Vec<String> {
     lines.extend(aligned(&rows));
     lines.push(String::new());
     lines.extend(timeouts(dry));
+    lines.extend(dry.remarks.iter().cloned());
     if let Some(trip) = &dry.trip {
         lines.push(format!(
             "WOULD TRIP at {:.3} s in the step of {}: {}",

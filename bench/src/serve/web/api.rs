@@ -1,6 +1,7 @@
 //! Requests and their answers.
 
 use super::Shared;
+use super::work::in_thread;
 use crate::serve::state::Refusal;
 use crate::serve::supervisor::{Message, Way};
 use axum::body::{Body, Bytes};
@@ -12,10 +13,12 @@ use axum::response::{IntoResponse, Response};
 use rt_core::{Confirmation, LinkError, RunCommand, ServiceCommand, send_command};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use std::io::{self, Read};
+use std::fs::File;
+use std::io;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::{mpsc, oneshot};
+use tokio::sync::oneshot;
+use tokio_util::io::ReaderStream;
 
 /// For how long the service is armed where nothing else is said, s.
 const ARMED_S: f64 = 600.0;
@@ -96,7 +99,7 @@ pub async fn profiles(State(shared): Web) -> Answer {
 /// `GET /runs`
 pub async fn runs(State(shared): Web) -> Answer {
     let finished = Arc::clone(&shared.web.finished);
-    let lines = tokio::task::spawn_blocking(move || finished.lines()).await.map_err(Refused::internal)?;
+    let lines = in_thread(move || finished.lines()).await.map_err(Refused::internal)?;
     as_json(&lines.iter().map(AsRef::as_ref).collect::<Vec<_>>())
 }
 
@@ -104,7 +107,7 @@ pub async fn runs(State(shared): Web) -> Answer {
 pub async fn page(State(shared): Web, Path(id): Path<String>) -> Answer {
     let finished = Arc::clone(&shared.web.finished);
     let named = format!("run {id:?}");
-    let page = tokio::task::spawn_blocking(move || finished.page(&id)).await.map_err(Refused::internal)?;
+    let page = in_thread(move || finished.page(&id)).await.map_err(Refused::internal)?;
     match page {
         None => Err(Refused::not_found(&named)),
         Some(Err(error)) => Err(Refused::internal(error)),
@@ -123,28 +126,11 @@ pub async fn page(State(shared): Web, Path(id): Path<String>) -> Answer {
 pub async fn recording(State(shared): Web, Path(id): Path<String>) -> Answer {
     let finished = Arc::clone(&shared.web.finished);
     let named = format!("run {id:?}");
-    let (opened, pieces) = (oneshot::channel(), mpsc::channel(4));
-    // The file is read piece by piece in a thread that may wait; a client that goes away ends it.
-    tokio::task::spawn_blocking(move || {
-        let path = finished.path(&id);
-        let file = path.map(|path| std::fs::File::open(&path).map(|file| (path, file)));
-        let file = match file {
-            Some(Ok((path, file))) => {
-                let length = file.metadata().map(|metadata| metadata.len());
-                let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-                let _ = opened.0.send(Some(length.map(|length| (name, length))));
-                file
-            }
-            Some(Err(error)) => return drop(opened.0.send(Some(Err(error)))),
-            None => return drop(opened.0.send(None)),
-        };
-        send_pieces(file, &pieces.0);
-    });
-    let (name, length) = match opened.1.await.map_err(Refused::internal)? {
-        None => return Err(Refused::not_found(&named)),
-        Some(opened) => opened.map_err(Refused::internal)?,
-    };
-    let body = Body::from_stream(Pieces(pieces.1));
+    let opened = in_thread(move || finished.path(&id).map(|path| open(&path))).await.map_err(Refused::internal)?;
+    let Some(opened) = opened else { return Err(Refused::not_found(&named)) };
+    let (file, length, name) = opened.map_err(Refused::internal)?;
+    // A piece is read when the client has taken those before it: one that takes none holds no thread meanwhile.
+    let body = Body::from_stream(ReaderStream::with_capacity(tokio::fs::File::from_std(file), PIECE));
     let quoted: String = name.chars().filter(|c| c.is_ascii_graphic() && !matches!(c, '"' | '\\')).collect();
     let disposition =
         HeaderValue::from_str(&format!("attachment; filename=\"{quoted}\"")).map_err(Refused::internal)?;
@@ -156,36 +142,11 @@ pub async fn recording(State(shared): Web, Path(id): Path<String>) -> Answer {
     Ok(response)
 }
 
-fn send_pieces(mut file: std::fs::File, pieces: &mpsc::Sender<io::Result<Bytes>>) {
-    loop {
-        let mut piece = vec![0; PIECE];
-        let read = file.read(&mut piece);
-        let (piece, over) = match read {
-            Ok(0) => return,
-            Ok(count) => {
-                piece.truncate(count);
-                (Ok(Bytes::from(piece)), false)
-            }
-            Err(error) => (Err(error), true),
-        };
-        if pieces.blocking_send(piece).is_err() || over {
-            return;
-        }
-    }
-}
-
-/// The pieces as they come.
-struct Pieces(mpsc::Receiver<io::Result<Bytes>>);
-
-impl futures_core::Stream for Pieces {
-    type Item = io::Result<Bytes>;
-
-    fn poll_next(
-        mut self: std::pin::Pin<&mut Self>,
-        context: &mut std::task::Context<'_>,
-    ) -> std::task::Poll<Option<Self::Item>> {
-        self.0.poll_recv(context)
-    }
+/// A file, its length and its name.
+fn open(path: &std::path::Path) -> io::Result<(File, u64, String)> {
+    let file = File::open(path)?;
+    let length = file.metadata()?.len();
+    Ok((file, length, path.file_name().unwrap_or_default().to_string_lossy().into_owned()))
 }
 
 /// Does a command; answers with the id, or the state.
@@ -278,7 +239,7 @@ pub async fn confirm(State(shared): Web, sent: Sent) -> Answer {
     let ConfirmBody { request, volume_ml } = body(sent)?;
     let instance = shared.web.instance.clone();
     let confirm = RunCommand::Confirm(Confirmation { request, volume_ml });
-    let sent = tokio::task::spawn_blocking(move || send_command(&instance, confirm, PATIENCE));
+    let sent = in_thread(move || send_command(&instance, confirm, PATIENCE));
     let answer = sent.await.map_err(Refused::internal)?.map_err(|error| {
         let (status, remedy) = match error {
             LinkError::Nobody { .. } => (StatusCode::CONFLICT, "start a run first"),

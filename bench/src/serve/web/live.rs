@@ -17,7 +17,7 @@ use std::time::Duration;
 use tokio::time::{MissedTickBehavior, interval, timeout};
 
 /// Clients at a time.
-const CLIENTS_MOST: usize = 64;
+pub const CLIENTS_MOST: usize = 64;
 /// Between two states.
 const STATE_EVERY: Duration = Duration::from_millis(100);
 /// A client that takes nothing for so long is left.

@@ -2,15 +2,19 @@
 //!
 //! | module | what |
 //! |---|---|
+//! | [`accept`] | clients' connections |
 //! | [`guard`] | who may ask what |
 //! | [`api`] | requests and their answers |
+//! | [`work`] | what takes a thread for a while |
 //! | [`live`] | the WebSocket |
 //! | [`assets`] | the page's files |
 
+mod accept;
 mod api;
 mod assets;
 mod guard;
 mod live;
+mod work;
 
 use super::board::Board;
 use super::finished::Finished;
@@ -21,9 +25,7 @@ use axum::Router;
 use axum::extract::DefaultBodyLimit;
 use axum::middleware::{from_fn, from_fn_with_state};
 use axum::routing::{any, delete, get, post};
-use axum::serve::ListenerExt;
 use guard::Names;
-use rustix::net::sockopt::set_socket_send_buffer_size;
 use std::net::{SocketAddr, TcpListener};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -32,8 +34,6 @@ use std::time::Duration;
 
 /// Bytes of a request's body at most.
 const BODY_MOST: usize = 16 * 1024;
-/// Bytes for a client that lie in the system at most; the system takes twice this.
-const SEND_BUFFER: usize = 64 * 1024;
 /// Between two signs of life.
 const BEAT: Duration = Duration::from_millis(250);
 
@@ -72,7 +72,8 @@ struct Shared {
 pub fn serve(web: Web, listener: TcpListener, address: SocketAddr) -> std::io::Result<()> {
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
-        // For recordings that are read; one at a time leaves the processors to the runs.
+        // For recordings that are read; few at a time leave the processors to the runs. No client may hold one of them: who takes
+        // nothing would keep the others from confirming.
         .max_blocking_threads(2)
         .build()?;
     runtime.block_on(async move {
@@ -88,19 +89,11 @@ pub fn serve(web: Web, listener: TcpListener, address: SocketAddr) -> std::io::R
                 tokio::time::sleep(BEAT).await;
             }
         };
-        // Small frames go out at once, and few of them lie in the system for a client that takes none: what it gets then is not old.
-        let listener = listener.tap_io(|client| {
-            let set = client.set_nodelay(true);
-            let set = set.and_then(|()| Ok(set_socket_send_buffer_size(&*client, SEND_BUFFER)?));
-            if let Err(error) = set {
-                tracing::debug!(%error, "options of a client's socket");
-            }
-        });
-        let serving = axum::serve(listener, router(shared));
         tokio::select! {
-            outcome = async { serving.await } => outcome,
-            () = ended => Ok(()),
+            () = accept::clients(listener, router(shared)) => {}
+            () = ended => {}
         }
+        Ok(())
     })
 }
 
