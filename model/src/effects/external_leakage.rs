@@ -71,4 +71,13 @@ impl Law for AnyPower {
             }
         }
     }
+
+    /// No gap passes more than a laminar one: what grows faster, so that its fit ends at the bound of the power or just within it, opens as it passes oil, as a
+    /// valve does.
+    fn is_itself(&self, k: &[f64]) -> bool {
+        k[2] < Self::HEADER.parameters[2].upper - WITHIN
+    }
 }
+
+/// How near to its bound the power stands at it.
+const WITHIN: f64 = 0.02;

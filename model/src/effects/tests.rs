@@ -187,7 +187,7 @@ fn the_contracts_ids_are_there_with_their_balances() {
 }
 
 #[test]
-fn effects_are_themselves_at_their_starts_and_a_stop_in_the_middle_of_the_stroke_is_none() {
+fn effects_are_themselves_at_their_starts_and_what_a_form_only_imitates_at_its_bounds_is_not() {
     for effect in listed() {
         for start in effect.header().starts {
             assert!(effect.is_itself(start), "{} at {start:?}", effect.header().id);
@@ -198,6 +198,10 @@ fn effects_are_themselves_at_their_starts_and_a_stop_in_the_middle_of_the_stroke
     for (phi_c_deg, is_stop) in [(15.0, false), (15.02, false), (20.0, true)] {
         assert_eq!(stop.is_itself(&[1.0, 1.0, phi_c_deg]), is_stop, "{phi_c_deg}");
         assert_eq!(general.is_itself(&[1.0, 1.0, phi_c_deg, 10.0, 0.0, 0.0, 0.1]), is_stop, "{phi_c_deg}");
+    }
+    let leak = super::find("external_leakage").unwrap().refined().unwrap().effect;
+    for (power, is_gap) in [(0.5, true), (1.0, true), (1.1, true), (1.199, false), (1.2, false)] {
+        assert_eq!(leak.is_itself(&[0.02, 0.02, power, 0.25, 2.0, 1.7]), is_gap, "a valve that opens is none: {power}");
     }
     // its ends are phi_c + e and phi_c - e, and where one alone presses only that one is known
     for (k1, k2, phi_c_deg, e_deg, is_stop) in [
