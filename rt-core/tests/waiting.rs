@@ -246,7 +246,8 @@ fn while_the_pump_is_driven_everything_is_judged_though_people_are_asked() {
     let unplugged = |tick: u64| if tick < 10 { GOOD } else { Measurement::NONE };
     let moved = |tick: u64| Measurement { angle_deg: if tick < 10 { 0.0 } else { 3.0 * (tick % 9) as f64 }, ..GOOD };
     let old = |tick: u64| Measurement { age_ns: [if tick < 10 { 0 } else { 90_000_000 }; 5], ..GOOD };
-    let cases: [(fn(u64) -> Measurement, u64); 3] = [(unplugged, 13), (moved, 10), (old, 10)];
+    type Measured = fn(u64) -> Measurement;
+    let cases: [(Measured, u64); 3] = [(unplugged, 13), (moved, 10), (old, 10)];
     for (measured, at) in cases {
         assert_eq!((tripped(2.0, limits, measured), tripped(0.0, limits, measured)), (Some(at), None));
     }
