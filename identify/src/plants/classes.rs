@@ -10,8 +10,8 @@ use crate::misfit;
 use crate::problem::Problem;
 use crate::refit::{Bases, advantage, refit};
 use crate::score::{Direction, Scene};
-use crate::surrogate::p_of_selected;
 use crate::simplify::uncertainty_of_simplified;
+use crate::surrogate::p_of_selected;
 
 /// Level at which an added effect must beat the surrogates of everything that it was chosen from.
 const LEVEL: f64 = 0.01;
