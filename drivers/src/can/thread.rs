@@ -220,11 +220,9 @@ impl Bus {
             taken = Some(set);
         });
         let Some(mut set) = taken else { return };
-        let under_way = self.pending.take();
-        let unsent = under_way.as_ref().map(|old| &old.set.frames()[old.sent..]);
-        let late = self.late.take();
-        for older in unsent.into_iter().chain(late.as_ref().map(|late| late.frames())) {
-            passed_over += set.take_over(older);
+        let under_way = self.pending.take().map(|old| (old.set, old.sent));
+        for (older, sent) in under_way.into_iter().chain(self.late.take().map(|late| (late, 0))) {
+            passed_over += set.take_over(&older.frames()[sent..]);
         }
         // There was no room for the newest: this one is as old as the queue is long, and the next is soon here.
         if set.number < newest {
