@@ -67,7 +67,8 @@ impl Layout {
     /// Whether a plant parameter (by its place in the plant's list) stands at a bound of what it may be.
     pub fn is_at_bound(&self, parameter: usize, value: f64) -> bool {
         let own = &self.plant.header().parameters[parameter];
-        [own.lower, own.upper].into_iter().any(|bound| (value - bound).abs() <= 1e-9 * bound.abs().max(1.0))
+        let mut bounds = [own.lower, own.upper].into_iter().filter(|bound| bound.is_finite());
+        bounds.any(|bound| (value - bound).abs() <= 1e-9 * bound.abs().max(1.0))
     }
 
     /// First entry of the `n`-th effect.
@@ -114,5 +115,29 @@ impl Layout {
         let mut more = self.clone();
         more.effects.push(effect);
         more
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::common::layout;
+    use model::Parameters;
+    use model::parameters::index;
+
+    #[test]
+    fn a_parameter_stands_at_the_bounds_of_its_plant_and_nowhere_else() {
+        let layout = layout(&Parameters::example());
+        for (parameter, value, at_bound) in [
+            (index::L1, -10.0, true),
+            (index::L1, -9.99, false),
+            (index::F3, 0.0, true),
+            (index::F3, -0.25, false),
+            (index::A, 0.2, true),
+            (index::A, 3e-3, true),
+            (index::A, 0.02, false),
+            (index::M1, -10.0, false),
+        ] {
+            assert_eq!(layout.is_at_bound(parameter, value), at_bound, "{parameter}: {value}");
+        }
     }
 }

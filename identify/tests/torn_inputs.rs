@@ -9,22 +9,25 @@ use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use recordings::{Plane, Protocol, Recording};
 
+/// Adds a row with these readings: angle (deg), pressures (bar), torque (Nm), volume (ml). `open`: brake and bypass.
+fn push_row(r: &mut Recording, time_s: f64, voltage_v: f64, read: [f64; 5], open: (bool, bool), segment: i64) {
+    r.time_s.push(time_s);
+    r.voltage_v.push(voltage_v);
+    let columns = [&mut r.angle_deg, &mut r.pressure1_bar, &mut r.pressure2_bar, &mut r.torque_nm, &mut r.volume_ml];
+    columns.into_iter().zip(read).for_each(|(column, value)| column.push(value));
+    r.brake_open.push(open.0);
+    r.bypass_open.push(open.1);
+    r.segment.push(segment);
+}
+
 /// Three dwells of 3 s on the pump's bench at 2, 3 and 4 bar, without what `silent` says of (dwell, seconds in it).
 fn bench(silent: impl Fn(usize, f64) -> bool) -> Vec<Stretch> {
     let mut r = Recording::default();
     for row in 0..900 {
         let (dwell, within_s) = (row / 300, (row % 300) as f64 * 0.01);
         let pressure_bar = if silent(dwell, within_s) { f64::NAN } else { 2.0 + dwell as f64 };
-        r.time_s.push(row as f64 * 0.01);
-        r.voltage_v.push(5.0);
-        r.angle_deg.push(f64::NAN);
-        r.pressure1_bar.push(pressure_bar);
-        r.pressure2_bar.push(2.0);
-        r.torque_nm.push(f64::NAN);
-        r.volume_ml.push(within_s);
-        r.brake_open.push(true);
-        r.bypass_open.push(false);
-        r.segment.push(dwell as i64);
+        let read = [f64::NAN, pressure_bar, 2.0, f64::NAN, within_s];
+        push_row(&mut r, row as f64 * 0.01, 5.0, read, (true, false), dwell as i64);
     }
     stretches(0, "pump_map.csv", Protocol::PumpMap, Plane::Horizontal, &r).unwrap()
 }
@@ -51,16 +54,14 @@ fn filling(top_bar: f64) -> Vec<Stretch> {
         let (step, within_s) = (row / 300, (row % 300) as f64 * 0.01);
         let rests = step == 0 || within_s >= 1.0;
         let pressure_bar = 6.0 - step as f64;
-        r.time_s.push(row as f64 * 0.01);
-        r.voltage_v.push(0.0);
-        r.angle_deg.push(10.0);
-        r.pressure1_bar.push(if pressure_bar > top_bar { f64::NAN } else { pressure_bar });
-        r.pressure2_bar.push(pressure_bar);
-        r.torque_nm.push(1.0);
-        r.volume_ml.push(if rests { 10.0 * step as f64 } else { f64::NAN });
-        r.brake_open.push(false);
-        r.bypass_open.push(false);
-        r.segment.push(step as i64);
+        let read = [
+            10.0,
+            if pressure_bar > top_bar { f64::NAN } else { pressure_bar },
+            pressure_bar,
+            1.0,
+            if rests { 10.0 * step as f64 } else { f64::NAN },
+        ];
+        push_row(&mut r, row as f64 * 0.01, 0.0, read, (false, false), step as i64);
     }
     stretches(0, "clamp_steps.csv", Protocol::ClampSteps, Plane::Horizontal, &r).unwrap()
 }
@@ -85,16 +86,14 @@ fn sweeps(silent: impl Fn(usize, f64) -> bool) -> Vec<Stretch> {
     let mut r = Recording::default();
     for row in 0..1200 {
         let (sweep, within_s) = (row / 400, (row % 400) as f64 * 0.01);
-        r.time_s.push(row as f64 * 0.01);
-        r.voltage_v.push(0.0);
-        r.angle_deg.push(if silent(sweep, within_s) { f64::NAN } else { 5.0 * within_s - 10.0 });
-        r.pressure1_bar.push(2.0 + sweep as f64);
-        r.pressure2_bar.push(2.0);
-        r.torque_nm.push(f64::NAN);
-        r.volume_ml.push(if within_s == 0.0 { 80.0 } else { f64::NAN });
-        r.brake_open.push(false);
-        r.bypass_open.push(false);
-        r.segment.push(sweep as i64);
+        let read = [
+            if silent(sweep, within_s) { f64::NAN } else { 5.0 * within_s - 10.0 },
+            2.0 + sweep as f64,
+            2.0,
+            f64::NAN,
+            if within_s == 0.0 { 80.0 } else { f64::NAN },
+        ];
+        push_row(&mut r, row as f64 * 0.01, 0.0, read, (false, false), sweep as i64);
     }
     stretches(0, "volume_map.csv", Protocol::VolumeMap, Plane::Horizontal, &r).unwrap()
 }
@@ -137,16 +136,14 @@ fn drained(rows_s: f64, read: impl Fn(f64) -> bool) -> Vec<Stretch> {
         let (before_bar, after_bar) = (6.0 - 0.5 * (nth - 1.0).max(0.0), 6.0 - 0.5 * nth);
         let share = if nth == 0.0 { 1.0 } else { (within_s / 0.4).min(1.0) };
         let rests = behind_s > -1e-9;
-        r.time_s.push(row as f64 * rows_s);
-        r.voltage_v.push(0.0);
-        r.angle_deg.push(angle_deg + noise(0.005));
-        r.pressure1_bar.push(before_bar + (after_bar - before_bar) * share + noise(0.006));
-        r.pressure2_bar.push(3.0 + noise(0.006));
-        r.torque_nm.push(f64::NAN);
-        r.volume_ml.push(if rests && read(behind_s) { released_ml(angle_deg, after_bar) } else { f64::NAN });
-        r.brake_open.push(false);
-        r.bypass_open.push(false);
-        r.segment.push(step as i64);
+        let read = [
+            angle_deg + noise(0.005),
+            before_bar + (after_bar - before_bar) * share + noise(0.006),
+            3.0 + noise(0.006),
+            f64::NAN,
+            if rests && read(behind_s) { released_ml(angle_deg, after_bar) } else { f64::NAN },
+        ];
+        push_row(&mut r, row as f64 * rows_s, 0.0, read, (false, false), step as i64);
     }
     stretches(0, "clamp_steps.csv", Protocol::ClampSteps, Plane::Horizontal, &r).unwrap()
 }
@@ -194,16 +191,14 @@ fn clamped(rows_s: f64, read: impl Fn(usize) -> bool) -> Recording {
         let (segment, within) = (row / in_segment, (row % in_segment) as f64 / in_segment as f64);
         let angle_deg = [-20.0, -20.0, -20.0 + 40.0 * within, 20.0, 20.0][segment];
         let dp_bar = [1.0, -1.0, 0.0, 1.0, -1.0][segment];
-        r.time_s.push(row as f64 * rows_s);
-        r.voltage_v.push(5.0 * dp_bar);
-        r.angle_deg.push(angle_deg);
-        r.pressure1_bar.push(3.0 + dp_bar / 2.0);
-        r.pressure2_bar.push(3.0 - dp_bar / 2.0);
-        r.torque_nm.push(if segment != 2 && read(row) { 6.8 * dp_bar } else { f64::NAN });
-        r.volume_ml.push(f64::NAN);
-        r.brake_open.push(segment != 2);
-        r.bypass_open.push(segment == 2);
-        r.segment.push(segment as i64);
+        let read = [
+            angle_deg,
+            3.0 + dp_bar / 2.0,
+            3.0 - dp_bar / 2.0,
+            if segment != 2 && read(row) { 6.8 * dp_bar } else { f64::NAN },
+            f64::NAN,
+        ];
+        push_row(&mut r, row as f64 * rows_s, 5.0 * dp_bar, read, (segment != 2, segment == 2), segment as i64);
     }
     r
 }
@@ -241,16 +236,9 @@ fn a_sweep_of_slow_rows_is_read() {
     let mut r = Recording::default();
     for row in 0..30 {
         let (sweep, within_s) = (row / 10, (row % 10) as f64 * 0.5);
-        r.time_s.push(row as f64 * 0.5);
-        r.voltage_v.push(0.0);
-        r.angle_deg.push(2.0 * within_s - 5.0);
-        r.pressure1_bar.push(2.0 + sweep as f64);
-        r.pressure2_bar.push(2.0);
-        r.torque_nm.push(f64::NAN);
-        r.volume_ml.push(if within_s == 0.0 { 80.0 } else { f64::NAN });
-        r.brake_open.push(false);
-        r.bypass_open.push(false);
-        r.segment.push(sweep as i64);
+        let read =
+            [2.0 * within_s - 5.0, 2.0 + sweep as f64, 2.0, f64::NAN, if within_s == 0.0 { 80.0 } else { f64::NAN }];
+        push_row(&mut r, row as f64 * 0.5, 0.0, read, (false, false), sweep as i64);
     }
     assert_eq!(stretches(0, "volume_map.csv", Protocol::VolumeMap, Plane::Horizontal, &r).unwrap().len(), 3);
 }
